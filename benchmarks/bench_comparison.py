@@ -1,14 +1,16 @@
-"""fdcal beside a diffuse field's coherence, arrival times and a tape measure, on the same recordings of four rooms.
+"""fdcal beside arrival times, the coherence of a diffuse field and a tape measure, on the same recordings.
 
-32 microphones in a ball of 0.4 m, blind, in a room of 9 x 7 x 4 m by image sources (pyroomacoustics); eight positions
-of one source, which plays noise or an impulse; 8 kHz. fdcal and the coherence hear the first position or all, the
-arrival times need all of them. Prints a table in Markdown: RMS position errors of each draw after the best rigid
-motion, in millimetres, and the seconds of the processor.
+Each row of the table is one kind of array, room, sound and number of takes; rooms are made by image sources
+(pyroomacoustics) at 8 kHz. Every method is blind: it knows neither microphones nor sources. Those beside fdcal are told
+that an array is plane, fdcal finds it out. Prints a table in Markdown: the median over the draws of the RMS position
+error after the best rigid motion, in millimetres, with the greatest in brackets, and the seconds of the processor.
+`python -m benchmarks.bench_comparison ROW...` draws some rows alone.
 """
 
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,148 +22,187 @@ import fdcal
 from fdcal.model.gauge import align
 from fdcal.model.validation import InputError
 from fdcal_bench.methods import (
-    coherence,
-    cross_spectra,
-    distances_of_coherence,
+    blind_positions_of_arrivals,
+    by_coherence,
     first_arrivals,
-    positions_of_arrivals,
-    robust_scaling,
     time_differences,
 )
-from fdcal_bench.rooms import RATE, SPEED, responses
+from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses, speech_like
 
 ALONE = True
-ROOM, CENTRE = (9.0, 7.0, 4.0), (4.1, 3.3, 1.7)  # m
-REVERBERATION = (0.2, 0.5, 1.0, 2.0)  # s, by Sabine's formula
-ORDER, ORDER_OTHERS = 60, 40  # of reflections, of the first source and of the others
-COUNT, RADIUS, APART = 32, 0.4, 0.08  # microphones; m; m
-SOURCES, SOURCE_SIGMA = 8, 0.05  # positions of the source; m, how well they are measured
+LIVING, OFFICE, HALL = (5.6, 4.4, 2.6), (6.8, 5.6, 3.1), (9.0, 7.0, 4.0)  # m
+ORDER = 40  # of reflections at most
 TAPE = 0.005  # m, of each coordinate
-LONG, SHORT = 30.0, 4.0  # s of noise, of the first source and of each other one
-SNR_DB, PEAK_DB = 30.0, 60.0  # sensor noise below the noise, and below the peak of an impulse
-BAND = (50.0, 2000.0)  # Hz, of the coherence
-SEGMENT = {"noise": 512, "impulse": 128}  # samples, of the coherence
-TAIL = 0.005  # s after the direct sound, where the coherence of a response begins
-DRAWS = 2
-METHODS = ("fdcal", "fdcal, 8 takes", "coherence, 1 source", "coherence, 8 sources", "arrival times", "tape measure")
+SNR_DB, PEAK_DB = 35.0, 60.0  # sensor noise below a sound, and below the peak of an impulse response
+DRAWS = 8
+
+
+def circle(rng: np.random.Generator) -> np.ndarray:
+    """Eight microphones about a circle of 0.1 m, which are a little off its regular places (8, 3), metres."""
+    angle = 2 * np.pi * np.arange(8) / 8 + rng.normal(0, 0.05, 8)
+    return 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
+
+
+def table(rng: np.random.Generator) -> np.ndarray:
+    """Eight microphones on a table, up to 0.2 m from its middle (8, 3), metres."""
+    angle = 2 * np.pi * np.arange(8) / 8 + rng.normal(0, 0.15, 8)
+    radius = 0.2 * np.sqrt(rng.uniform(0.3, 1, 8))
+    return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(8)])
+
+
+def panel(rng: np.random.Generator) -> np.ndarray:
+    """Sixteen microphones, 42 mm apart, in an upright panel that is turned (16, 3), metres."""
+    across, up = (0.042 * (part.ravel() - 1.5) for part in np.meshgrid(np.arange(4), np.arange(4)))
+    turn = rng.uniform(0, np.pi)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), up]) + rng.normal(0, 5e-4, (16, 3))
+
+
+def sphere(rng: np.random.Generator) -> np.ndarray:
+    """24 microphones on an open sphere of 0.3 m (24, 3), metres."""
+    z = 1 - 2 * (np.arange(24) + 0.5) / 24
+    angle = 2.39996 * np.arange(24)
+    return np.column_stack([0.3 * np.sqrt(1 - z**2) * f(angle) for f in (np.cos, np.sin)] + [0.3 * z]) + rng.normal(
+        0, 3e-3, (24, 3)
+    )
+
+
+def ball(count: int, radius: float) -> Callable[[np.random.Generator], np.ndarray]:
+    """Microphones in a ball."""
+    return lambda rng: draw_array(rng, count, radius)
 
 
 @dataclass(frozen=True)
-class Recorded:
-    """An array (N, 3), sources (S, 3), and what was recorded of each source, a list of (N, T)."""
+class Row:
+    """One kind of array, room, sound, and takes."""
 
-    places: np.ndarray
-    sources: np.ndarray
-    recordings: list[np.ndarray]
+    microphones: str
+    draw: Callable[[np.random.Generator], np.ndarray]
+    room: tuple[float, float, float]  # m
+    reverberation: float  # s, by Sabine's formula
+    sound: str  # impulse, noise or speech
+    takes: int
+    flat: bool = False
 
-
-def placed(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return microphones (N, 3) in a ball and sources (S, 3) on all sides of it, metres."""
-    kept: list[np.ndarray] = []
-    while len(kept) < COUNT:
-        x = rng.uniform(-RADIUS, RADIUS, 3)
-        if np.linalg.norm(x) < RADIUS and all(np.linalg.norm(x - y) > APART for y in kept):
-            kept.append(x)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    sources = CENTRE + corners * rng.uniform([1.5, 1.5, 0.4], [3.2, 2.6, 1.4], (SOURCES, 3))
-    return np.array(kept) + CENTRE, sources[rng.permutation(SOURCES)]
+    @property
+    def seconds(self) -> float:
+        """Length of a take of noise or speech."""
+        return 60.0 if self.takes == 1 else 20.0
 
 
-def record(reverberation: float, seed: int) -> dict[str, Recorded]:
-    """Return what the array records of the noise and of the impulse, with sensor noise."""
+ROWS = (
+    Row("8, circle of 0.1 m", circle, LIVING, 0.45, "impulse", 1, True),
+    Row("8, circle of 0.1 m", circle, LIVING, 0.45, "impulse", 6, True),
+    Row("8 on a table, 0.2 m", table, LIVING, 0.4, "noise", 1, True),
+    Row("8 on a table, 0.2 m", table, LIVING, 0.4, "noise", 4, True),
+    Row("16 in a panel of 0.13 m", panel, LIVING, 0.5, "noise", 4, True),
+    Row("16 in a ball of 0.3 m", ball(16, 0.3), OFFICE, 0.4, "noise", 1),
+    Row("16 in a ball of 0.3 m", ball(16, 0.3), OFFICE, 0.4, "noise", 4),
+    Row("24 on a sphere of 0.3 m", sphere, LIVING, 0.45, "speech", 1),
+    Row("24 on a sphere of 0.3 m", sphere, LIVING, 0.45, "speech", 4),
+    Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.2, "noise", 1),
+    Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.2, "impulse", 8),
+    Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 1),
+    Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 8),
+)
+
+
+def record(row: Row, seed: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return an array (N, 3), metres, and what it records of each take, a list of (N, T) at RATE."""
     rng = np.random.default_rng([seed, 15])
-    places, sources = placed(rng)
-    noise, impulse = [], []
-    for s, source in enumerate(sources):
-        h = responses(places, source, reverberation, ORDER if s == 0 else ORDER_OTHERS, ROOM)
-        floor = np.abs(h).max() * 10 ** (-PEAK_DB / 20)
-        impulse.append(h + floor * rng.standard_normal(h.shape))
-        played = rng.standard_normal(int(RATE * (LONG if s == 0 else SHORT)) + h.shape[1])
+    centre = np.array(row.room) * rng.uniform([0.35, 0.35, 0.3], [0.55, 0.55, 0.5])
+    places, recordings = row.draw(rng) + centre, []
+    for _ in range(row.takes):
+        h = responses(places, draw_source(rng, row.room, centre), row.reverberation, ORDER, row.room)
+        if row.sound == "impulse":
+            recordings.append(h + np.abs(h).max() * 10 ** (-PEAK_DB / 20) * rng.standard_normal(h.shape))
+            continue
+        played = rng.standard_normal(int(RATE * row.seconds) + h.shape[1])
+        played = speech_like(played, rng) if row.sound == "speech" else played
         sound = oaconvolve(played[None], h, axes=1)[:, h.shape[1] : len(played)]
         floor = np.sqrt(np.mean(sound**2)) * 10 ** (-SNR_DB / 20)
-        noise.append(sound + floor * rng.standard_normal(sound.shape))
-    return {"noise": Recorded(places, sources, noise), "impulse": Recorded(places, sources, impulse)}
+        recordings.append(sound + floor * rng.standard_normal(sound.shape))
+    return places, recordings
 
 
-def by_fdcal(recorded: Recorded, kind: str, sources: int) -> tuple[np.ndarray, str]:
-    """Positions (N, 3) from WAV files of the first sources, one each, and the verdict."""
+def by_fdcal(row: Row, recordings: list[np.ndarray]) -> tuple[np.ndarray | None, str]:
+    """Positions (N, 3) from WAV files, one for each take, and the verdict."""
     with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / f"source{s}.wav" for s in range(sources)]
-        for path, samples in zip(paths, recorded.recordings, strict=False):
+        paths = [Path(folder) / f"take{n}.wav" for n in range(len(recordings))]
+        for path, samples in zip(paths, recordings, strict=True):
             soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
-        kinds = {"noise": "stationary", "impulse": "impulse"}
-        measurement = fdcal.load(paths, kind=kinds[kind], sound_speed=SPEED)
-    found = fdcal.calibrate(measurement, known="none")
-    return np.asarray(found.positions), str(found.verdict)
+        kind = "impulse" if row.sound == "impulse" else "stationary"
+        try:
+            found = fdcal.calibrate(fdcal.load(paths, kind=kind, sound_speed=SPEED), known="none")
+        except InputError:
+            return None, "refused"
+    x = np.asarray(found.positions)
+    return np.pad(x, ((0, 0), (0, 3 - x.shape[1]))), str(found.verdict)
 
 
-def by_coherence(recorded: Recorded, kind: str, sources: int) -> np.ndarray:
-    """Positions (N, 3) from the noise, or from the responses after the direct sound."""
-    total: np.ndarray | float = 0.0
-    f = np.zeros(0)
-    for samples in recorded.recordings[:sources]:
-        if kind == "impulse":
-            samples = samples[:, int(RATE * (first_arrivals(samples, RATE).max() + TAIL)) :]
-        f, spectra = cross_spectra(samples, RATE, SEGMENT[kind], kind == "impulse")
-        total = total + spectra / np.real(np.einsum("nnf->f", spectra))
-    used = (f >= BAND[0]) & (f <= BAND[1])
-    return robust_scaling(distances_of_coherence(coherence(total)[..., used], f[used], SPEED))
+def by_arrivals(row: Row, recordings: list[np.ndarray], rng: np.random.Generator) -> np.ndarray | None:
+    """Positions (N, 3) from the arrival times of all takes; None where these are too few."""
+    longest = 2 * max(np.ptp(row.draw(np.random.default_rng(0)), axis=0)) / SPEED
+    impulse = row.sound == "impulse"
+    times = [first_arrivals(one, RATE) if impulse else time_differences(one, RATE, longest) for one in recordings]
+    x = blind_positions_of_arrivals(np.array(times), SPEED, 2 if row.flat else 3, rng)
+    return None if x is None else np.pad(x, ((0, 0), (0, 3 - x.shape[1])))
 
 
-def by_arrivals(recorded: Recorded, kind: str, rng: np.random.Generator) -> np.ndarray:
-    """Positions (N, 3) from the arrival times of all sources, whose positions were measured roughly."""
-    if kind == "impulse":
-        times = [first_arrivals(samples, RATE) for samples in recorded.recordings]
-    else:
-        times = [time_differences(samples, RATE, 2 * RADIUS / SPEED) for samples in recorded.recordings]
-    measured = recorded.sources + SOURCE_SIGMA * rng.standard_normal(recorded.sources.shape)
-    return positions_of_arrivals(np.array(times), measured, SPEED, SOURCE_SIGMA, np.array(CENTRE))
-
-
-def error_mm(found: np.ndarray, truth: np.ndarray) -> float:
-    """RMS error after the best rigid motion, a mirror image allowed."""
+def error_mm(found: np.ndarray | None, truth: np.ndarray) -> float:
+    """RMS error after the best rigid motion, a mirror image allowed; NaN without an array."""
+    if found is None or not np.isfinite(found).all():
+        return np.nan
     return 1e3 * float(np.sqrt(np.mean(np.sum((align(found, truth) - truth) ** 2, axis=1))))
 
 
-def errors(recorded: Recorded, kind: str, seed: int) -> tuple[list[float], list[float], list[str]]:
-    """Return the error of each of METHODS, millimetres, the seconds it took, and fdcal's verdicts, of 1 and 8 takes."""
-    rng, verdicts, truth = np.random.default_rng([seed, 16]), [], recorded.places
+def errors(row: Row, seed: int) -> tuple[list[float], list[float], str]:
+    """Return the error of each method, millimetres, the seconds it took, and fdcal's verdict."""
+    truth, recordings = record(row, seed)
+    rng, verdicts = np.random.default_rng([seed, 16]), []
 
-    def fdcal_positions(sources: int):
-        try:
-            found, verdict = by_fdcal(recorded, kind, sources)
-        except InputError as error:
-            print(f"    fdcal refused: {error}")
-            found, verdict = np.full(truth.shape, np.nan), "refused"
+    def own() -> np.ndarray | None:
+        found, verdict = by_fdcal(row, recordings)
         verdicts.append(verdict)
         return found
 
+    def coherent() -> np.ndarray:
+        kind = "impulse" if row.sound == "impulse" else row.sound
+        found = by_coherence(recordings, RATE, kind=kind, speed=SPEED, sources=None, dimension=2 if row.flat else 3)[0]
+        return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
+
     found, seconds = [], []
     for method in (
-        lambda: fdcal_positions(1),
-        lambda: fdcal_positions(SOURCES),
-        lambda: by_coherence(recorded, kind, 1),
-        lambda: by_coherence(recorded, kind, SOURCES),
-        lambda: by_arrivals(recorded, kind, rng),
+        own,
+        lambda: by_arrivals(row, recordings, rng),
+        coherent,
         lambda: truth + TAPE * rng.standard_normal(truth.shape),
     ):
         start = time.process_time()
         positions = method()
         seconds.append(time.process_time() - start)
-        found.append(error_mm(positions, truth) if np.isfinite(positions).all() else np.nan)
-    return found, seconds, verdicts
+        found.append(error_mm(positions, truth))
+    return found, seconds, verdicts[0]
 
 
-def run() -> Iterator[str]:
-    yield "| reverberation | source | " + " | ".join((*METHODS, "verdicts of fdcal, 1 and 8 takes")) + " |"
-    yield "|---" * (len(METHODS) + 3) + "|"
+def run(chosen: tuple[int, ...] = tuple(range(len(ROWS)))) -> Iterator[str]:
+    methods = ("fdcal", "arrival times", "coherence", "tape measure")
+    yield "| microphones | reverberation | sound | takes | " + " | ".join(methods) + " | verdicts of fdcal |"
+    yield "|---" * (len(methods) + 5) + "|"
     taken = []
-    for reverberation in REVERBERATION:
-        drawn = [record(reverberation, seed) for seed in range(DRAWS)]
-        for kind in ("noise", "impulse"):
-            results = [errors(one[kind], kind, seed) for seed, one in enumerate(drawn)]
-            taken += [seconds for _, seconds, _ in results]
-            cells = [" / ".join(f"{found[n]:.1f}" for found, _, _ in results) for n in range(len(METHODS))]
-            verdicts = "; ".join(" / ".join(f"`{both[n]}`" for _, _, both in results) for n in range(2))
-            yield f"| {reverberation:g} s | {kind} | " + " | ".join((*cells, verdicts)) + " |"
-    yield "| all | seconds | " + " | ".join(f"{s:.1f}" for s in np.mean(taken, axis=0)) + " | |"
+    for row in (ROWS[number] for number in chosen):
+        results = [errors(row, seed) for seed in range(DRAWS)]
+        taken += [seconds for _, seconds, _ in results]
+        cells = []
+        for n in range(len(methods)):
+            each = np.array([found[n] for found, _, _ in results])
+            lost = np.where(np.isnan(each), np.inf, each)  # a method that finds no array in a draw has lost it
+            cells.append("" if np.isinf(lost).all() else f"{np.median(lost):.1f} ({lost.max():.0f})")
+        good = sum(verdict == "good" for _, _, verdict in results)
+        where = f"{row.microphones} | {row.reverberation:g} s | {row.sound} | {row.takes}"
+        yield f"| {where} | " + " | ".join(cells) + f" | {good} of {DRAWS} `good` |"
+    yield "| seconds | | | | " + " | ".join(f"{s:.1f}" for s in np.mean(taken, axis=0)) + " | |"
+
+
+if __name__ == "__main__":
+    for line in run(tuple(int(number) for number in sys.argv[1:]) or tuple(range(len(ROWS)))):
+        print(line, flush=True)

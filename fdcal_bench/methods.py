@@ -131,6 +131,61 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
     return start[: 3 * N].reshape(N, 3)
 
 
+STARTS = 8  # of blind arrival times
+DISTANCE = 2.0  # m, of the sources from the array in a start
+
+
+def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.ndarray | None:
+    """Return positions (N, D), metres, from arrival times (S, N) alone; None where these do not determine them.
+
+    Robust least squares of positions, sources and times of emission. From each of several draws of the directions of
+    the sources plane waves give the positions of a start; the likeliest end counts. Of a plane array the sources are
+    sought in its plane: their heights cannot be told from its size.
+
+    times : s, each row up to a constant; speed : m/s; dimension : D, 2 of an array that is known to be plane;
+    rng : numpy.random.Generator
+    """
+    (S, N), D = np.shape(times), dimension
+    if S * N <= D * N + (D + 1) * S - D * (D + 1) / 2 or S < D:
+        return None
+    sizes, paths = np.cumsum([D * N, D * S]), speed * np.asarray(times)
+    paths = paths - paths.mean(axis=1, keepdims=True)
+    take, microphone = np.repeat(np.arange(S), N), np.tile(np.arange(N), S)
+    each, axes = np.arange(S * N), np.arange(D)
+
+    def away(unknown):
+        x, s, emitted = np.split(unknown, sizes)
+        x, s = x.reshape(N, D), s.reshape(S, D)
+        return s[:, None] - x, s, emitted
+
+    def residuals(unknown):
+        apart, s, emitted = away(unknown)
+        path = np.linalg.norm(apart, axis=-1) - np.linalg.norm(s, axis=1)[:, None] + emitted[:, None]
+        return ((path - paths) / TIMING).ravel()
+
+    def jacobian(unknown):
+        apart, s, _ = away(unknown)
+        towards = (apart / np.linalg.norm(apart, axis=-1, keepdims=True)).reshape(-1, D)
+        J = np.zeros((S * N, len(unknown)))
+        J[each[:, None], D * microphone[:, None] + axes] = -towards
+        J[each[:, None], sizes[0] + D * take[:, None] + axes] = towards - (s / np.linalg.norm(s, axis=1)[:, None])[take]
+        J[each, sizes[1] + take] = 1.0
+        return J / TIMING
+
+    best, least = None, np.inf
+    for _ in range(STARTS):
+        direction = rng.standard_normal((S, D))
+        direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+        x = np.linalg.lstsq(-direction, paths, rcond=1e-3)[0].T
+        start = np.concatenate([x.ravel(), DISTANCE * direction.ravel(), np.zeros(S)])
+        for loss in ("linear", "soft_l1"):
+            end = least_squares(residuals, start, jacobian, loss=loss, x_scale="jac", max_nfev=60)
+            start = end.x
+        if end.cost < least:
+            best, least = start[: D * N].reshape(N, D), end.cost
+    return best
+
+
 BAND = (50.0, 2000.0)  # Hz, of the coherence
 SEGMENT = {"noise": 512, "speech": 512, "impulse": 128}  # samples at 8 kHz, of the coherence
 TAIL = 0.005  # s after the direct sound, where the coherence of a response begins
@@ -162,8 +217,8 @@ def _measurement(recordings, rate, kind, speed):
         return own.load(paths, kind="impulse" if kind == "impulse" else "stationary", sound_speed=speed)
 
 
-def by_coherence(recordings, rate, *, kind, speed, sources):
-    """Coherence and robust multidimensional scaling."""
+def by_coherence(recordings, rate, *, kind, speed, sources, dimension=3):
+    """Coherence and robust multidimensional scaling, in the plane where the array is known to be plane."""
     total, f = 0.0, np.zeros(0)
     for samples in recordings:
         if kind == "impulse":
@@ -171,7 +226,8 @@ def by_coherence(recordings, rate, *, kind, speed, sources):
         f, spectra = cross_spectra(samples, rate, SEGMENT[kind] * max(1, rate // 8000), kind == "impulse")
         total = total + spectra / np.real(np.einsum("nnf->f", spectra))
     used = (f >= BAND[0]) & (f <= BAND[1])
-    return robust_scaling(distances_of_coherence(coherence(total)[..., used], f[used], speed)), None
+    distances = distances_of_coherence(coherence(total)[..., used], f[used], speed)
+    return robust_scaling(distances, dimension), None
 
 
 def by_arrivals(recordings, rate, *, kind, speed, sources):

@@ -313,6 +313,11 @@ def with_windows(problem: Problem, state: State) -> State | None:
         window_positions=term.positions,
         window_precision=term.precision / ratio,
         tempering=model.tempering * claim.excess * ratio,
+        # Rows that count too much show delays of all channels that are none, and these take up what arrivals say of
+        # the positions; `refined` looks for them again, with this weight.
+        delay_sigma=0.0,
+        corner_sigma=0.0,
+        filters=np.zeros_like(model.filters),
     )
     # Given positions have led to the right basin, and stay in place.
     x = state.positions if len(problem.known) else frozen_array(term.positions, float)
