@@ -9,11 +9,7 @@ imported by the command that needs them.
 """
 
 import contextlib
-import errno
-import ipaddress
 import os
-import re
-import socket
 import sys
 import time
 import traceback
@@ -157,37 +153,6 @@ def commands(context):
         click.echo(context.get_help())
 
 
-PORTS = "use 1024 to 65535, or --port 0 for a free one"  # served without being the administrator
-
-
-def check_address(host: str, port: int) -> bool:
-    """Return whether an address can be reached from this machine only (a loopback address).
-
-    The port is bound once, because a viewer with an address that cannot be served would wait indefinitely.
-    """
-    if not 0 <= port <= 65535:
-        raise InputError(f"--port {port} is out of range", PORTS, key="port", value=port)
-    try:
-        if not host or re.search(r"\s", host):
-            raise ValueError
-        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except (OSError, ValueError):
-        remedy = "use 127.0.0.1 for this machine alone"
-        raise InputError(f'--host "{host}" is an unknown address', remedy, key="host", value=host) from None
-    try:
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(place)
-            probe.listen(1)
-    except OSError as error:
-        if isinstance(error, PermissionError) or error.errno == errno.EADDRINUSE:
-            reason = "is in use" if error.errno == errno.EADDRINUSE else "may only be used by the administrator"
-            raise InputError(f"--port {port} {reason}", PORTS, key="port", value=port) from None
-        problem = f'--host "{host}" cannot be served here ({error.strerror})'
-        raise InputError(problem, "use 127.0.0.1", key="host", value=host) from None
-    return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback
-
-
 @commands.command()
 @click.argument("scene", required=False, metavar="[SCENE|FILE|SESSION]")
 @click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, started at once.")
@@ -201,10 +166,11 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
     `fdcal import` reads, SESSION a session saved by the page.
     """
     from ..session.lesson import lesson_names, load_lesson
+    from ..viewer.server.hardening import is_loopback
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     request = None if scene is None else opt.open_request_of(scene)
-    if not check_address(host, port):  # other machines can reach it
+    if not is_loopback(host):  # other machines can reach it
         tunnel = f"{port or 8080}:127.0.0.1:{port or 8080}"
         print(
             f"The page at {host} can be opened and used by anyone who reaches this machine: there is no password.\n"

@@ -22,8 +22,8 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
     ("arguments", "words"),
     [
         (["nothing"], ["nothing"]),
-        (["view", "--port", "65536"], ["--port 65536", "out of range"]),
-        (["view", "--host", "no such host"], ["--host", "127.0.0.1"]),
+        (["view", "--port", "65536"], ["port = 65536", "out of range", "--port 0"]),
+        (["view", "--host", "no such host"], ["host = no such host", "127.0.0.1"]),
         (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
         (["calibrate", "array1"], ["did you mean array1_circle?"]),
         (["simulate", "lshpae", "-o", "x.npz"], ["did you mean lshape?"]),

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
-from ...model.validation import InputError
+from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format, damaged, isolated, isolated_call, wanted_source
 from .arrays import require_whole_file
@@ -250,7 +250,10 @@ def _write(path: Path, placed: MicrophonePositions) -> None:
             setattr(sofa, f"Receiver{name}", np.tile(direction, (count, 1))[:, :, None])
         for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
             sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
-        sofar.write_sofa(str(path), sofa)
+        try:
+            sofar.write_sofa(str(path), sofa)
+        except RuntimeError as error:  # of HDF5, which does not say that a disk is full
+            raise StorageError(f"the file cannot be written, is the disk full? ({error})") from error
 
 
 FORMATS = (

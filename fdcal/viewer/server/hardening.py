@@ -13,6 +13,7 @@ open_server         the server
 
 import asyncio
 import contextlib
+import errno
 import functools
 import gzip
 import http
@@ -238,6 +239,7 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     return gzip.compress(renamed, 1) if zipped else renamed
 
 
+FREE_PORT = "use <port> 1024 to 65535, or <port> 0 for a free one"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
 BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, forms, transform controls, and
@@ -264,17 +266,19 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     the port is in use.
     """
     if not 0 <= port <= 65535:
-        problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
-        raise InputError(problem, remedy, key="port", value=port)
+        raise InputError(f"port = {port} is out of range", FREE_PORT, key="port", value=port)
     try:  # an address that cannot be bound is refused here: viser would wait indefinitely
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(address)
     except (OSError, UnicodeError, OverflowError) as error:
+        if getattr(error, "errno", None) == errno.EADDRINUSE:
+            raise InputError(f"port = {port} is in use", FREE_PORT, key="port", value=port) from None
         reason = getattr(error, "strerror", None) or error
         problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
-        raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
+        remedy = "use 127.0.0.1 for this machine alone, and a <port> from 1024 on"
+        raise InputError(problem, remedy, key="host", value=host) from error
     module: Any = websockets.asyncio.server
     origins = allowed_origins(host)
     serve = module.serve
@@ -298,7 +302,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     _drop_bad_updates(server)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
-        raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
+        raise InputError(f"port = {port} is in use", FREE_PORT, key="port", value=port)
     return server
 
 
