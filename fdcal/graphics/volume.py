@@ -110,7 +110,9 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
     return tuple(float(levels[i]) for i in chosen) if levels else ()
 
 
-def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None) -> Volume:
+def volume_of(
+    cost: np.ndarray, search: Search, log: bool, minima: Minima | None = None, label: str = "cost, Eq. 7"
+) -> Volume:
     """Return the isosurfaces of costs (nz, ny, nx), relative to the power; `log`: whether colours follow decibels."""
     low, high = colour_limits(cost, log, (WHOLE[0], SHOWN[1]))
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
@@ -118,9 +120,9 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima: Minima | None
     # the innermost first: an outer surface is drawn over the inner ones
     parts = [isosurface(decibels, search, level) for level in levels]
     colours = to_rgb(normalise(10 ** (np.array(levels) / 10), low, high, log)) if levels else np.zeros((0, 3), np.uint8)
-    bar = ColourBar(low, high, "cost, Eq. 7 (relative to the power)")
+    bar = ColourBar(low, high, f"{label} (relative to the power)")
     if log:
-        bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), "cost, Eq. 7 (dB)")
+        bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), f"{label} (dB)")
     # one surface of all isosurfaces: a row of the texture for each, its columns from dark to bright
     light = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
     count, first = len(parts), 0

@@ -298,9 +298,8 @@ class VolumeMaps:
             floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
             note = descent_text(basins, sampled.search, home, name)
         else:
-            volume = self._drawn[fine](
-                lambda: volume_of(sampled.cost, sampled.search, style.log, minima), key, style.log, style.minima
-            )
+            shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
+            volume = self._drawn[fine](lambda: volume_of(*shown), key, style.log, style.minima)
             floor = layer_floor(volume, sampled, z, height, style.log, pixels)
             fine = fine and pixels == PIXELS
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())

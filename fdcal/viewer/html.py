@@ -17,14 +17,7 @@ from types import MappingProxyType
 import numpy as np
 import viser
 
-from ..assessment.words import (
-    STEP_LEFT,
-    cost_words,
-    error_parts,
-    modes_words,
-    prediction_words,
-    state_word,
-)
+from ..assessment.words import STEP_LEFT, cost_words, error_parts, modes_words, prediction_words, state_word
 from ..graphics.heatmap import to_rgb
 from ..graphics.marks import EDGE, Mark, css, symbol_svg
 from ..graphics.picture import row_word

@@ -20,6 +20,7 @@ import viser
 
 from .. import solvers
 from ..model.address import Unit
+from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from . import html, tabs
@@ -266,7 +267,7 @@ class SolverTab(Tab):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
         row, modes, scene, problem = binding.row, binding.modes, binding.run.scene, binding.run.problem
         in_space_or_plane = problem.array_dimension == problem.dimension
-        searchable = in_space_or_plane and problem.search is not None
+        searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
         room_known = in_space_or_plane and not isinstance(scene, MeasuredScene) and not no_rectangle(scene)
         traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
         names = tuple(  # of the solvers that can solve this problem
@@ -361,12 +362,7 @@ class Tabs:
     to a view.
     """
 
-    def __init__(
-        self,
-        folders: SessionFolders,
-        binding: Binding,
-        place: Callable[[viser.ClientHandle, str], None],
-    ):
+    def __init__(self, folders: SessionFolders, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self.binding, self._place = binding, place
         binding.tabs = self
         for kind in tab_kinds():

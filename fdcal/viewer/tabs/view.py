@@ -28,14 +28,7 @@ from ...model.validation import InputError, require_choice
 from ...session import session_file
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import (
-    ModePanels,
-    fine_panels,
-    has_decibels,
-    map_label,
-    shown_modes,
-    terms_of,
-)
+from ..cost_maps import ModePanels, fine_panels, has_decibels, map_label, shown_modes, terms_of
 from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, Choices, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
@@ -212,10 +205,7 @@ KINDS = {
         slow=True,
     ),
     "Maps as in Fig. 1 (SVG)": Kind(
-        "-maps.svg",
-        "The same figure as vector graphics, for print.",
-        partial(_figure, file_format="svg"),
-        slow=True,
+        "-maps.svg", "The same figure as vector graphics, for print.", partial(_figure, file_format="svg"), slow=True
     ),
     "Map (VTI for ParaView)": Kind(
         "-map.vti",
