@@ -186,9 +186,8 @@ class Explore:
         together = viewer.run.solver.TRAITS.moves_all
         buttons = ""
         for text, name, pressed in ((ONE, "descent", not together), (ALL, own if together else "robust", together)):
-            state = f"aria-pressed='{str(pressed).lower()}'" + " disabled title='It needs known microphones'" * (
-                name not in names
-            )
+            state = f"aria-pressed='{str(pressed).lower()}'"
+            state += "" if name in names else " disabled title='It needs known microphones'"
             buttons += f"<button data-do='method={name}' {state}>{text}</button>"
         return f"<span class='switch' role='group' aria-label='Method'>{buttons}</span>"
 

@@ -31,9 +31,7 @@ VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camer
 
 BOUNDS = {"relief_height": (0.05, 1.0)}
 # Choices that another scene keeps.
-KEPT = tuple(
-    "trails ellipses ellipse_scale lecture export_kind export_view export_size rate themed dark shared".split()
-)
+KEPT = "trails ellipses ellipse_scale lecture export_kind export_view export_size rate themed dark shared".split()
 
 
 @dataclass(frozen=True)
