@@ -206,6 +206,22 @@ def _make_recordings(path: Path) -> None:
     np.savez(path, recordings=SAMPLES, sample_rate=8000.0, names=np.array(list("abc")), kind="impulse")
 
 
+def _make_matlab(path: Path) -> None:
+    from scipy.io import savemat
+
+    savemat(path, {"x": SAMPLES, "fs": 8000.0})
+
+
+def _make_samples(path: Path) -> None:
+    rows = np.column_stack([np.arange(SAMPLES.shape[1]) / 8000, SAMPLES.T])
+    np.savetxt(path, rows, delimiter=",", header="time,a,b,c", comments="")
+
+
+def _make_piped(path: Path) -> None:
+    _make_sound(path)
+    path.write_bytes(path.read_bytes().replace(b"data", b"data\0\0\0\0", 1)[:-4])
+
+
 READERS = {
     "scene": Reader(".toml", _copy(folder_of("scenes") / "tiny.toml"), _read_scene),
     "scene in space": Reader(".toml", _copy(folder_of("scenes") / "ball3d.toml"), _read_scene),
@@ -217,6 +233,9 @@ READERS = {
     "archive": Reader(".npz", _make_recordings, _read_recording),
     **{name: Reader(f".{name}", _make_sound, _read_recording)
        for name in ("wav", "flac", "w64", "rf64", "aiff", "au", "caf")},
+    "matlab": Reader(".mat", _make_matlab, _read_recording, cases=4),
+    "samples": Reader(".csv", _make_samples, _read_recording),
+    "piped": Reader(".wav", _make_piped, _read_recording),
     "hdf5": Reader(".h5", _make_hdf5, _read_recording, mutate=broken_structure, cases=2),
     "sofa": Reader(".sofa", _make_sofa, _read_recording, mutate=broken_structure, cases=2),
     "meshrir": Reader(".npz", _make_meshrir, _read_meshrir),
