@@ -108,7 +108,6 @@ REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
     "use fewer modes (modes)": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
     "use more modes (modes)": lambda job: in_modes(job, 2 * len(job.result.frequencies)),
-    "use other modes (modes)": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "known microphones": more_known,
     "give more positions": more_known,
     "closer together": lambda job: rebuilt(job, size=job.case.spec.size / 2),

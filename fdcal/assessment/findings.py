@@ -349,7 +349,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
     Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
-            lambda _: "the solver stopped while microphones still moved", "use other modes (<modes>)",
+            lambda seen: "the solver ended while microphones still moved, by up to"
+                         f" {seen.step_left:.2g} times their one sigma", "",
             3.0, "Newton step left over one sigma"),
     Finding("known_position", _few_right,
             lambda seen: f"known microphone {_named(seen.wrong_given)}: the position given contradicts the recordings;"

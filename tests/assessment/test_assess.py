@@ -231,9 +231,9 @@ def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
 
 
 def test_a_remedy_names_its_arguments_as_the_reader_knows_them(estimate):
-    found = replace(assess(replace(estimate, converged=False)), wording={"modes": "the number of modes"})
+    found = replace(assess(with_share(estimate, 0.5)), wording={"modes": "the number of modes"})
     assert found.message.endswith("(<modes>)") and found.verdict_text.endswith("(the number of modes)")
-    assert replace(found, wording={}).verdict_text.endswith("use other modes"), "an argument of that very name"
+    assert replace(found, wording={}).verdict_text.endswith("use fewer modes"), "an argument of that very name"
 
 
 # --- what the rows rest on -------------------------------------------------------------------------------------------
