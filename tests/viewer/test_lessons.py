@@ -178,6 +178,10 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     page.viewer = None
     lessons.open(lesson.name)
     assert "step 3 of 3" in text_of(lessons) and page.opened[-1].scene.solver.name == "descent"
+    page.calls.clear()
+    page.ready()
+    lessons.show()
+    assert ("play",) not in page.calls and answers_of(lessons), "it begins at the start, not after the runs before it"
 
 
 def test_a_lesson_ends_with_the_next_one(page):

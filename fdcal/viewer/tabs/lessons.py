@@ -394,6 +394,8 @@ class LessonsTab:
         if fresh:  # a step leaves out what the steps before it have set
             settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
             settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
+            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # a run before it is undone
+            settings = [replace(one, run=None) if i < begun else one for i, one in enumerate(settings)]
 
         with self._guarded():
             start = lesson.start(progress.number, revealed)
