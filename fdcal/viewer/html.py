@@ -43,13 +43,13 @@ CONTROLS = {
     "array_radius": "the array radius of `fdcal import`",
     "kind": 'the list "Kind of a recording" below the scenes',
     "known": 'the slider "Known microphones" in the tab Scene',
-    "modes": 'the slider "Last mode" in the settings of the solver',
+    "modes": 'the slider "Last mode" in the settings',
     "rate": "the sampling rate to `fdcal import`",
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
-    "seed": 'the field "Seed" in the settings of the solver',
-    "solver": 'the list "Method" in the settings of the solver',
-    "start": 'the list "Start" in the settings of the solver',
+    "seed": 'the field "Seed" in the settings',
+    "solver": 'the list "Method" in the settings',
+    "start": 'the list "Start" in the settings',
 }
 
 

@@ -10,12 +10,14 @@ import pytest
 from doubles import CallRecorder, State, finish, set_by_client, view_of
 from viser import _messages
 
+from fdcal.assessment.words import state_word
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
-from fdcal.session.scene_edits import parameters_of
+from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.session import StateCosts
-from fdcal.session.sources import OpenRequest
+from fdcal.session.sources import OpenRequest, scene_request
+from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
@@ -23,6 +25,7 @@ from fdcal.viewer.state import FLOOR, MAP_KINDS, NOTHING, RELIEF, PageState, kin
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
 from fdcal.viewer.tabs.help import KEYS, add_keys
+from fdcal.viewer.tabs.map import EQ7
 
 
 def test_controls_without_effect_are_hidden(controls):
@@ -363,3 +366,32 @@ def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, meas
     overlay.receive(None, "stamp opened")
     turn_until(lambda: page.viewer.run.measurement is measurement)
     turn_until(lambda: "data-do='opened' aria-pressed='true'" in sheet.content)
+
+
+def test_a_scene_as_in_the_paper_opens_with_its_method_at_a_random_start_and_others_with_their_own():
+    for name, method in (("array1_circle", "descent"), ("fig1_square", "descent"), ("array2_faults", "robust"),
+                         ("two_places", "robust"), ("ball3d", "robust"), ("frl_array", "robust")):  # fmt: skip
+        solver = scene_request(load_scene(name)).scene.solver
+        assert solver.name == method and (name != "array1_circle" or solver.start == "random"), name
+    chosen = edited(load_scene("tiny"), {"solver.name": "joint"})
+    assert scene_request(chosen).scene is chosen
+
+
+def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelled(opened):
+    viewer, turn_until = opened
+    label = lambda: viewer.snapshot.picture.bar and viewer.snapshot.picture.bar.label  # noqa: E731
+    turn_until(lambda: label() and "log-likelihood" in label())
+    set_by_client(viewer.tabs.map.quantity, EQ7)
+    turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
+    set_by_client(viewer.tabs.run_bar.run, True)
+    turn_until(lambda: label() and "log-likelihood" in label())
+
+
+def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):
+    class Restarted(State):
+        best_positions = controls[0].binding.run.measurement.positions
+
+    state = Restarted(Restarted.best_positions + 0.1)
+    said = html.status(view_of([state], running=True), controls[0].binding.measurement)
+    assert state_word(state, True) == "Trying another start; the best so far is kept"
+    assert "mean 0 mm" in said and "Trying another start" in said and "the best start is kept" in said

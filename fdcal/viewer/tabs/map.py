@@ -125,7 +125,7 @@ class MapTab(Tab):
             command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
         )  # fmt: skip
         self.follow = binding.checkbox(
-            "Follow solver", lambda choices: choices.follow, self.follow_solver,
+            "Follow the run", lambda choices: choices.follow, self.follow_solver,
             visible=not binding.run.solver.TRAITS.moves_all, hint="Show the microphone that the next step moves",
         )  # fmt: skip
         self.take = None

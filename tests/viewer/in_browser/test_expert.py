@@ -87,7 +87,7 @@ def test_a_run_ends_without_a_fault_and_what_is_pressed_then_stays_below_the_poi
 def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
-    page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow solver").element_handle())
+    page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow the run").element_handle())
 
 
 def test_a_file_is_saved_by_the_browser(page, tmp_path):
