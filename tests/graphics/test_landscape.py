@@ -12,7 +12,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
 from fdcal.graphics.heatmap import colour_limits, cost_floor, normalise, relief_grid, shaded, to_rgb
-from fdcal.graphics.landscape import CAPTION, CELL, GAP, draw_landscape, mosaic
+from fdcal.graphics.landscape import CAPTION, CELL, GAP, draw_landscape, figure_bytes, mosaic
 from fdcal.graphics.marks import LOWEST, drape
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.graphics.waves import POINTS, wave_floor
@@ -192,3 +192,27 @@ def test_a_flat_mark_lies_above_the_slope_that_it_covers():
     angles = np.linspace(0, 2 * np.pi, 24)
     rim = point + radius * np.column_stack([np.cos(angles), np.sin(angles)])
     assert (drape(rim, floor)[:, 2] <= height + 1e-9).all() and height > drape([point], floor)[0, 2]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 9])
+def test_no_text_of_the_figure_covers_another(measured, count):
+    measurement, problem = measured
+    panels = landscape_panels(problem, measurement.positions, 6, tuple(range(1, count + 1)), 2)
+    at_edge = np.array(panels.search.origin[:2]) + panels.search.step * (np.array(panels.maps.shape[:0:-1]) - 1)
+    figure = draw_landscape(
+        panels, measurement.positions[6], estimate=at_edge, heading="Cost of moving it\nin two lines"
+    )
+    figure_bytes(figure, "png")
+    shown = [panel for panel in figure.axes if panel.get_visible()]
+    texts = [figure._suptitle, *figure.legends, *(panel.title for panel in shown)]
+    for axis in (axis for panel in shown for axis in (panel.xaxis, panel.yaxis)):
+        low, high = axis.get_view_interval()
+        ticks = [tick.label1 for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+        texts += [text for text in (*ticks, axis.label) if text.get_visible()]
+    boxes = [text.get_window_extent() for text in texts if not hasattr(text, "get_text") or text.get_text()]
+    for i, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[i + 1 :])
+    mark = 8.5 / 72 * figure.dpi  # pixels, half of the largest mark
+    for panel in shown[:-1]:
+        top = panel.transData.transform(at_edge)[1] + mark
+        assert panel.title.get_window_extent().y0 > top, "a mark at the edge of a map does not reach its title"
