@@ -131,7 +131,8 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
     return start[: 3 * N].reshape(N, 3)
 
 
-STARTS = 8  # of blind arrival times
+STARTS = 5  # of blind arrival times
+FEWEST = {2: 3, 3: 6}  # takes: plane waves of fewer leave an affine map of the array open, by its dimension
 DISTANCE = 2.0  # m, of the sources from the array in a start
 
 
@@ -146,7 +147,7 @@ def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.
     rng : numpy.random.Generator
     """
     (S, N), D = np.shape(times), dimension
-    if S * N <= D * N + (D + 1) * S - D * (D + 1) / 2 or S < D:
+    if S * N <= D * N + (D + 1) * S - D * (D + 1) / 2 or S < FEWEST[D]:
         return None
     sizes, paths = np.cumsum([D * N, D * S]), speed * np.asarray(times)
     paths = paths - paths.mean(axis=1, keepdims=True)

@@ -12,6 +12,9 @@ The forecast takes F' = F / 2, and adds what arrival times say of impulses:
 
     r_n = c tau_n - |x_n - s| - b      path to microphone n; source s and time of emission b are unknown
 
+Of small arrays in space it adds the short windows of the recording, which are worth WINDOWS independent ones: a room
+has few waves, whatever the length of the recording.
+
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
 places of the source, and the information of a Gaussian field falls with its noise. Lengths are metres in JSON,
 millimetres in words.
@@ -45,6 +48,7 @@ from ..model.validation import (
 )
 from ..recordings.formats.positions import READERS, read_positions
 from ..recordings.frequencies import default_max_rows
+from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT
 from .process import one_blas_thread
 
 FLAT_M = 1e-6  # distance from a plane up to which microphones lie in it
@@ -299,9 +303,13 @@ class ForecastRules:
     # relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is the
     # accuracy that is wanted by default, 10 mm
     blurred: float = 0.01
-    # microphones at most of which a blind calibration from one place is often not good: figures of `python -m
-    # benchmarks blind`, 16 microphones in a living room and a studio
-    few_blind: int = 16
+    # independent short windows, of all frequencies together, that explain the errors of `python -m benchmarks
+    # comparison`; their frequencies; the widest array of which they count, metres
+    windows: float = 960.0
+    window_noise: float = 0.05  # least part of their power that their model leaves, which no louder sound lowers
+    window_frequencies: int = 40
+    widest_m: float = 1.0
+    size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
 
 
 FORECAST = ForecastRules()
@@ -314,7 +322,7 @@ class Forecast:
     rms: float  # expected
     low: float  # 8 of 10 recordings err between `low` and `high`
     high: float
-    timed: bool = False  # whether arrival times lower it
+    beyond: str = ""  # what lowers it that the bound leaves out, in words
 
 
 @dataclass(frozen=True)
@@ -345,36 +353,60 @@ def make_plan(request: PlanRequest) -> Plan:
         of_frequency = [  # in a diffuse field, the mean over the band
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
-        table = [[_forecast(other, one, arrivals[other.takes]) for one in of_frequency] for other in others]
+        windows = [_window_information(request, one / (1 + one)) for one in noise]
+        table = [
+            [_forecast(other, *one, arrivals[other.takes]) for one in zip(of_frequency, windows, strict=True)]
+            for other in others
+        ]
         bound = position_bound(of_frequency[0].scaled(request.takes * len(request.frequencies)), request.prior)
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
     return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
 
 
-def _forecast(request: PlanRequest, of_frequency: Information, arrivals: Sequence[np.ndarray]) -> Forecast:
+def _window_information(request: PlanRequest, noise: float) -> Information | None:
+    """Return what short windows say at a noise over the whole power; None where they do not count."""
+    x, rules = request.layout.positions, FORECAST
+    wide = np.linalg.norm(x[:, None] - x, axis=2).max() > rules.widest_m
+    if request.dimension != 3 or len(x) > MAX_COUNT or wide:
+        return None
+    k = 2 * np.pi * np.linspace(LOWEST, HIGHEST, rules.window_frequencies) / request.sound_speed
+    return diffuse_information(x, k, max(noise, rules.window_noise), 3).scaled(rules.windows / len(k))
+
+
+def _forecast(
+    request: PlanRequest, of_frequency: Information, windows: Information | None, arrivals: Sequence[np.ndarray]
+) -> Forecast:
     """Return the error to be expected; `arrivals`: of `_arrival_information`, for some sets of sources."""
     information = of_frequency.scaled(request.takes * len(request.frequencies))
-    if request.is_plane_in_room:
-        bound = position_bound(information, request.prior)
-        low, middle, high = (factor * bound.rms for factor in FORECAST.plane)
-        return Forecast(middle, low, high)
-    f, s = request.frequencies, np.log(1000) / request.reverberation_time
-    alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
-    field = information.scaled(float(np.mean(1 / (1 + FORECAST.field_part * alike))))
 
-    def scattering(found: list[Bound], factor: float, timed: bool) -> Forecast:
+    def scattering(found: list[Bound], factor: float, beyond: str) -> Forecast:
         rms = factor * float(np.sqrt(np.mean([one.rms**2 for one in found])))
         scatter = np.mean([1 / (2 * one.freedom) for one in found]) + FORECAST.field_scatter**2
         low, high = (rms * float(np.exp(sign * FORECAST.quantile * np.sqrt(scatter) - scatter)) for sign in (-1, 1))
-        return Forecast(rms, low, high, timed)
+        return Forecast(rms, low, high, beyond)
 
-    plain = scattering([position_bound(field, request.prior)], 1.0, False)
+    if request.is_plane_in_room:
+        bound = position_bound(information, request.prior)
+        low, middle, high = (factor * bound.rms for factor in FORECAST.plane)
+        found = [Forecast(middle, low, high)]
+        if windows is not None:
+            prior = replace(request.prior, sound_speed_sigma=FORECAST.size_sigma)
+            found.append(scattering([position_bound(windows, prior)], 1.0, "short windows"))
+        return min(found, key=lambda one: one.rms)
+    f, s = request.frequencies, np.log(1000) / request.reverberation_time
+    alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
+    field = information.scaled(float(np.mean(1 / (1 + FORECAST.field_part * alike))))
+    if windows is not None:
+        field = replace(field, matrix=field.matrix + windows.matrix)
+    of_windows = "" if windows is None else "short windows"
+    plain = scattering([position_bound(field, request.prior)], 1.0, of_windows)
     if not arrivals:
         return plain
     cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
+    both = f"{of_windows} and arrival times" if of_windows else "arrival times"
     # arrival times never make it worse: where they add little, their factor alone would
-    return min(plain, scattering(cases, FORECAST.arrival_margin, True), key=lambda one: one.rms)
+    return min(plain, scattering(cases, FORECAST.arrival_margin, both), key=lambda one: one.rms)
 
 
 def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int, list[np.ndarray]]:
@@ -480,20 +512,14 @@ def plan_lines(plan: Plan) -> list[str]:
         f" the array interpolates up to {request.f_max:.0f} Hz{left_out}"
     )
     why = ""
-    if request.is_plane_in_room:
+    if forecast.beyond:
+        why = f"; {forecast.beyond} included, which the bound leaves out"
+    elif request.is_plane_in_room:
         why = "; the size of a plane array follows from equal waves from all directions, which no room has"
-    elif forecast.timed:
-        why = "; arrival times included, which the bound leaves out"
     elif request.kind == "impulse":
         why = "; arrival times add too little to count"
     ends = f"{length_text(forecast.low)} to {length_text(forecast.high)}"
     lines.append(f"expected error: {length_text(forecast.rms)} rms, {ends} in 8 of 10 recordings{why}")
-    few = len(request.layout.names) <= FORECAST.few_blind and request.takes == 1
-    if few and request.dimension == 3 and not request.known:
-        lines.append(
-            "so few microphones, from one place of the source and without given positions, are often not found, or"
-            " with a larger error than expected; use more places of the source"
-        )
     lines.append(
         f"least error (Cramer-Rao bound): {length_text(plan.bound.rms)} rms, {length_text(float(sigma.max()))} at the"
         " worst microphone, in a diffuse field"
