@@ -3,6 +3,8 @@
 Maps as colours, as a relief, and side by side: what was given is where it should be.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import ImageColor
@@ -194,10 +196,11 @@ def test_a_flat_mark_lies_above_the_slope_that_it_covers():
     assert (drape(rim, floor)[:, 2] <= height + 1e-9).all() and height > drape([point], floor)[0, 2]
 
 
-@pytest.mark.parametrize("count", [1, 2, 4, 9])
+@pytest.mark.parametrize("count", [1, 3, 4, 9])
 def test_no_text_of_the_figure_covers_another(measured, count):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 6, tuple(range(1, count + 1)), 2)
+    panels = replace(panels, search=replace(panels.search, origin=(2.01, 1.71), step=2 * panels.search.step))
     at_edge = np.array(panels.search.origin[:2]) + panels.search.step * (np.array(panels.maps.shape[:0:-1]) - 1)
     figure = draw_landscape(
         panels, measurement.positions[6], estimate=at_edge, heading="Cost of moving it\nin two lines"
