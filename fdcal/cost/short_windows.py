@@ -218,12 +218,7 @@ def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals)
 
 
 def _scores_and_fisher(
-    windows: Reals,
-    inverse: Complexes,
-    M: Complexes,
-    rows: Sequence[Complexes],
-    whole: Sequence[Numbers],
-    design: Reals,
+    windows: Reals, inverse: Complexes, M: Complexes, rows: Sequence[Complexes], whole: Sequence[Numbers], design: Reals
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradient of each group (G, P) and Fisher information (P, P) by microphones and by what all share.
 

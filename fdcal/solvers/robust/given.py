@@ -34,15 +34,7 @@ from ..interface import GivenHypothesis
 from . import noise
 from . import objective as objectives
 from .channels import relocated
-from .state import (
-    FREE_STEPS,
-    GIVEN_SIGMA,
-    NEGLIGIBLE_DECREASE,
-    STAGE_DAMPING,
-    SUSPICIOUS,
-    LocalOptimum,
-    State,
-)
+from .state import FREE_STEPS, GIVEN_SIGMA, NEGLIGIBLE_DECREASE, STAGE_DAMPING, SUSPICIOUS, LocalOptimum, State
 
 EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
 # that sigma over the expected one from which all given positions are inaccurate; without it the error of 1 of 32
@@ -102,12 +94,7 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
     if best.log_evidence - as_given.log_evidence < MIN_ADVANTAGE or not np.any(wrong):
         return None
     variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
-    return GivenHypothesis(
-        best.positions,
-        np.sqrt(np.maximum(variance[known], 0.0)),
-        noise_there,
-        wrong,
-    )
+    return GivenHypothesis(best.positions, np.sqrt(np.maximum(variance[known], 0.0)), noise_there, wrong)
 
 
 def _let_go(problem: Problem, state: State) -> State:

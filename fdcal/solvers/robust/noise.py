@@ -18,13 +18,7 @@ from ...model.problem import Problem
 from ...model.validation import Bools, Integers, Reals, frozen_array
 from . import arrivals as direct_sound
 from . import objective as objectives
-from .state import (
-    CORNER_SIGMA,
-    DELAY_SIGMA,
-    SUSPICIOUS,
-    Model,
-    State,
-)
+from .state import CORNER_SIGMA, DELAY_SIGMA, SUSPICIOUS, Model, State
 
 
 def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:

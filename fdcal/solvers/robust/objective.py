@@ -549,11 +549,7 @@ def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
 
 
 def channel_step(
-    unknowns: Unknowns,
-    objective: Objective,
-    free: np.ndarray,
-    damping: float,
-    max_step: float = np.inf,
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step: float = np.inf
 ) -> ChannelStep:
     """Return one damped Gauss-Newton step; max_step in metres."""
     try:

@@ -38,14 +38,7 @@ from .objective import (
 )
 from .schedule import begin, refined
 from .spread import Claim, claim_of
-from .state import (
-    DIRECTION_UPDATES,
-    FINAL,
-    FREE_STEPS,
-    GIVEN_SIGMA,
-    STAGES,
-    State,
-)
+from .state import DIRECTION_UPDATES, FINAL, FREE_STEPS, GIVEN_SIGMA, STAGES, State
 
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
 
@@ -131,12 +124,7 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
     return tuple(TriedOptimum(one.positions, one.score, constrained and given.same_given(state, one)) for one in ended)
 
 
-def _given(
-    problem: Problem,
-    state: State,
-    claim: Claim,
-    here: Unknowns,
-) -> GivenEstimate:
+def _given(problem: Problem, state: State, claim: Claim, here: Unknowns) -> GivenEstimate:
     objective, at_objective = claim.objective, claim.evaluated.terms
     sigma = objective.priors.known_sigma or given.EXACT_SIGMA
     every = replace(objective.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)

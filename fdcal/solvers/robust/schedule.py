@@ -22,16 +22,7 @@ from . import given, noise, windows
 from . import objective as objectives
 from .channels import relocated
 from .spread import claim_of
-from .state import (
-    DIRECTION_UPDATES,
-    FINAL,
-    STAGE_DAMPING,
-    STAGES,
-    SUSPICIOUS,
-    LocalOptimum,
-    StageProgress,
-    State,
-)
+from .state import DIRECTION_UPDATES, FINAL, STAGE_DAMPING, STAGES, SUSPICIOUS, LocalOptimum, StageProgress, State
 
 BEFORE_PLAN = -1  # number of the restart at positions that a run is begun with: every start of the plan follows it
 
