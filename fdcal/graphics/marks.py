@@ -271,16 +271,11 @@ def css(colour) -> str:
 
 def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Return marks as a script of a page reads them; `names`: of the marks, by how the script calls them."""
+    marks = {key: MARKS[name] for key, name in names.items()}
     return {
-        key: {
-            "text": MARKS[name].text,
-            "colour": css(MARKS[name].colour),
-            "reach": MARKS[name].reach,
-            "width": MARKS[name].width,
-            "halo": MARKS[name].halo,
-            "symbol": symbol_svg(MARKS[name]),
-        }
-        for key, name in names.items()
+        key: {name: getattr(mark, name) for name in ("text", "reach", "width", "halo")}
+        | {"colour": css(mark.colour), "symbol": symbol_svg(mark)}
+        for key, mark in marks.items()
     }
 
 

@@ -172,27 +172,21 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         shadow = centre - [*(0.5 * ball * BALL_LIGHT[:2]), 0.75 * ball]
         drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
-        way = _on(np.asarray(path, float), floor, base) + [
-            0.0,
-            0.0,
-            0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius),
-        ]
+        rise = 0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius)
+        way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, rise]
         colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
-    raised = in_space or (floor is not None and floor.heights is not None)
-    above = (
-        {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if text or raised else {}
-    )
+    raised = text or in_space or (floor is not None and floor.heights is not None)
+    above = {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if raised else {}
     labels = tuple(
         replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels
     )
     # the ball covers both crosses of its microphone: where no other estimate has one, there is none
     sizes = {part.name: len(part.vertices) for part in picture.meshes}
-    covered = ["selected/estimate"]
-    if sizes.get("microphones/estimate") == sizes.get("selected/estimate"):
-        covered.append("microphones/estimate")
-    meshes = tuple(part for part in picture.meshes if not part.name.startswith(tuple(covered)))
+    alone = sizes.get("microphones/estimate") == sizes.get("selected/estimate")
+    covered = ("selected/estimate", "microphones/estimate") if alone else ("selected/estimate",)
+    meshes = tuple(part for part in picture.meshes if not part.name.startswith(covered))
     return replace(picture, meshes=meshes, labels=labels).plus(*drawn)
 
 
@@ -205,10 +199,9 @@ def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.
 def sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (V, 3), metres, and faces (F, 3) of a ball."""
     rows = BALL_SIDES // 2
-    polar, around = np.meshgrid(
-        np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, BALL_SIDES + 1), indexing="ij"
-    )
-    unit = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
+    polar, around = np.linspace(0, np.pi, rows + 1)[:, None], np.linspace(0, 2 * np.pi, BALL_SIDES + 1)
+    parts = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)
+    unit = np.stack(np.broadcast_arrays(*parts), axis=-1)
     corner = (np.arange(rows)[:, None] * (BALL_SIDES + 1) + np.arange(BALL_SIDES)).ravel()[:, None]
     faces = np.concatenate([corner + [0, BALL_SIDES + 1, BALL_SIDES + 2], corner + [0, BALL_SIDES + 2, 1]])
     return centre + radius * unit.reshape(-1, 3), frozen_array(faces, np.int32)

@@ -201,7 +201,6 @@ class Floor:
     lowest: tuple[tuple[float, float], ...]  # where the cost is lowest, and the minima that fit as well, metres
     height: float = 0.0  # of the map, metres
     minima: tuple[tuple[float, float], ...] = ()  # where the other local minima are, metres
-    opacity: float = 1.0  # 0 to 1
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
     areas: tuple[Area, ...] = ()  # what the colours of a map without a bar stand for

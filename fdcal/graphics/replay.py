@@ -185,7 +185,8 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
 
 def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
     """What stays the same: names, known microphones, the room."""
-    data = {
+    room = None if scene is None or scene.source is None else scene
+    return {
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
         "given": np.round(np.asarray(measurement.known_positions, float), 6).tolist(),
@@ -198,18 +199,10 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "heights": z_range_of(scene, measurement),
         "marks": marks_json(PAGE_MARKS),
         "address": ADDRESS,
-        "outline": None,
-        "sources": [],
-        "tall": 0.0,
+        "outline": None if room is None else np.asarray(room.room.vertices, float).tolist(),
+        "sources": [] if room is None else [list(place) for place in room.emitter.places],
+        "tall": 0.0 if room is None else wall_height(room),
     }
-    if scene is not None and scene.source is not None:
-        outline = np.asarray(scene.room.vertices, float).tolist()
-        data |= {
-            "outline": outline,
-            "sources": [list(place) for place in scene.source.places],
-            "tall": wall_height(scene),
-        }
-    return data
 
 
 def _state_data(
@@ -275,13 +268,12 @@ def index_html(title: str, introduction: str, entries: Sequence[GalleryEntry], o
     )
     middle, scale = EDGE / 2, MARK_EDGE / EDGE
     marks = "".join(
-        f'<g id="{one}" transform="scale({scale:g}) translate({-middle:g} {-middle:g})">{symbol_svg(MARKS[name])}</g>'
-        for one, name in PAGE_MARKS.items()
-        if one in ("true", "estimate")
+        f'<g id="{name}" transform="scale({scale:g}) translate({-middle:g} {-middle:g})">'
+        f"{symbol_svg(MARKS[PAGE_MARKS[name]])}</g>"
+        for name in ("true", "estimate")
     )
-    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "OPENING": escape(opening)}
-    parts["MARKS"] = marks
-    return filled((PAGE / "index.html").read_text(encoding="utf-8"), parts)
+    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards, "MARKS": marks}
+    return filled((PAGE / "index.html").read_text(encoding="utf-8"), parts | {"OPENING": escape(opening)})
 
 
 def picture_of(

@@ -104,7 +104,10 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
             width = max(lines.width * text_scale(size), MIN_LINE_WIDTH) * (SUPERSAMPLED if picture.surfaces else 1)
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
     for surface in picture.surfaces:
-        _add_textured(plotter, surface.vertices, surface.faces, surface.places, surface.texture)
+        triangles = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
+        triangles.active_texture_coordinates = surface.places
+        texture = pyvista.Texture(np.ascontiguousarray(surface.texture[::-1]))  # its first row is at the top
+        plotter.add_mesh(triangles, texture=texture, lighting=False)
     eye = plotter.camera
     eye.position, eye.focal_point, eye.up = camera.position, camera.look_at, camera.up
     if camera.fov:
@@ -118,26 +121,13 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
 
 
 def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
-    rows, columns = floor.rgb.shape[:2]
-    step = floor.size[0] / columns, floor.size[1] / rows
     if floor.heights is not None:
         surface = pyvista.StructuredGrid(*np.moveaxis(relief_grid(floor, floor.heights), 2, 0))
         rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
         surface.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
     else:
-        corner = (*floor.origin, floor.height)
-        surface = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
+        rows, columns = floor.rgb.shape[:2]
+        step, corner = (floor.size[0] / columns, floor.size[1] / rows, 1), (*floor.origin, floor.height)
+        surface = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=step, origin=corner)
         surface.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
-    plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
-
-
-def _add_textured(
-    plotter: Any, vertices: np.ndarray, faces: np.ndarray, places: np.ndarray, image: np.ndarray, opacity: float = 1.0
-) -> None:
-    """Add triangles whose colours are those of an image; `places`: of the vertices in it."""
-    import pyvista
-
-    triangles = pyvista.PolyData.from_regular_faces(vertices, faces)
-    triangles.active_texture_coordinates = places
-    texture = pyvista.Texture(np.ascontiguousarray(image[::-1]))  # its first row is at the top
-    plotter.add_mesh(triangles, texture=texture, lighting=False, opacity=opacity)
+    plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False)

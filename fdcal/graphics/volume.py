@@ -206,11 +206,8 @@ def layer_floor(
     if cost is None:
         raise ValueError("a layer that nobody cancels is complete")
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
-    return _floor(to_rgb(normalise(cost[0], low, high, log)), domain, height, replace(bar, label=_at(bar.label, z)))
-
-
-def _at(text: str, z: float) -> str:
-    return f"{text}, on the floor the layer z = {z:z.2f} m"
+    bar = replace(bar, label=f"{bar.label}, on the floor the layer z = {z:z.2f} m")
+    return _floor(to_rgb(normalise(cost[0], low, high, log)), domain, height, bar)
 
 
 def _floor(rgb: np.ndarray, corners: np.ndarray, height: float, bar: ColourBar | None, **more) -> Floor:

@@ -293,14 +293,6 @@ def labels_html(labels: Iterable[Label], theme: Theme) -> str:
     return "".join(elements)
 
 
-def image_of(part: Floor) -> np.ndarray:
-    """Return the image of a map, (ny, nx, 3) uint8, with its opacity as a fourth channel if not opaque."""
-    if part.opacity >= 1:
-        return part.rgb
-    alpha = np.full((*part.rgb.shape[:2], 1), round(255 * part.opacity), np.uint8)
-    return np.concatenate([part.rgb, alpha], axis=2)
-
-
 def relief_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
     """Return a map in relief as a surface through the middles of its pixels and to the edges of the map.
 
@@ -412,11 +404,11 @@ class SceneNodes:
             if part.heights is not None:
                 return self._send_late(name, handle, relief_of(part, part.heights))
             if isinstance(old, Floor) and (old.origin, old.size, old.height) == (part.origin, part.size, part.height):
-                handle.image = image_of(part)
+                handle.image = part.rgb
                 return handle
             middle = np.add(part.origin, np.divide(part.size, 2))
             return scene.add_image(
-                name, image_of(part), *part.size, format="png", cast_shadow=False, receive_shadow=False,
+                name, part.rgb, *part.size, format="png", cast_shadow=False, receive_shadow=False,
                 wxyz=(1.0, 0.0, 0.0, 0.0), position=(*middle.tolist(), part.height),
             )  # fmt: skip
         same_style = isinstance(old, Mesh) and (old.colour, old.opacity) == (part.colour, part.opacity)

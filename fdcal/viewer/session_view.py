@@ -118,7 +118,7 @@ class SessionPicture:
         # for pictures alone where it has none: a solver must not take this domain for something known
         self._measurement = replace(measured, search=search_around(np.concatenate(shown), measured.search))
         self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
-        self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
+        self._static = Memo()  # what stays the same while the solver runs
 
     def draw(
         self,
@@ -141,17 +141,12 @@ class SessionPicture:
         if dropped is not None:
             positions[dropped.microphone, : len(dropped.place)] = dropped.place
         scene, measurement = self._run.known_scene, self._measurement
-        dark, lecture, take = key = choices.dark, choices.lecture, choices.take
-        if floor is not None and floor.heights is not None:  # what does not move follows the heights of the map
-            static = static_picture(scene, measurement, dark, floor, lecture, take)
-        else:
-            if key not in self._static:
-                self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
-            static = self._static[key]
+        relief = None if floor is None or floor.heights is None else floor  # whose heights what does not move follows
+        look = choices.dark, relief, choices.lecture, choices.take
+        static = self._static(lambda: static_picture(scene, measurement, *look), *look)
         truth = self._run.drawn_truth(positions)
-        drawn = with_estimate(static, self._measurement, positions, microphone, floor, truth, choices.marks)
-        picture = with_floor(drawn, floor)
-        picture = overlays.with_volume(picture, volume)
+        picture = with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
+        picture = overlays.with_volume(with_floor(picture, floor), volume)
         if dropped is not None and dropped.microphone == microphone:
             self.ball = microphone
             picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
@@ -160,9 +155,8 @@ class SessionPicture:
             picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
-            picture = overlays.with_trails(
-                picture, np.array([self._frame.positions(state.positions) for state in past]), floor
-            )
+            paths = np.array([self._frame.positions(state.positions) for state in past])
+            picture = overlays.with_trails(picture, paths, floor)
         if choices.ellipses and uncertainty is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
             scale = choices.ellipse_scale or overlays.ellipse_scale(uncertainty.axes, extent)

@@ -29,7 +29,6 @@ PICTURE = "Picture (PNG)"  # the first kind of file to save
 ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
-BOUNDS = {"relief_height": (0.05, 1.0)}
 # Choices that another scene keeps.
 KEPT = "trails ellipses ellipse_scale lecture export_kind export_view export_size rate themed dark shared".split()
 
@@ -96,8 +95,7 @@ class Choices(MapStyle):
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "order_offset", "relief_height")
-        keys += ("ellipse_scale", "take", *SWITCHES)
+        keys = ("microphone", "modes", "order_offset", "relief_height", "ellipse_scale", "take", *SWITCHES)
         return {key: getattr(self, key) for key in keys}
 
 
@@ -140,8 +138,8 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
     whole, x = number and isinstance(value, int), float(value) if number else math.nan
     numbers = list(value) if isinstance(value, (list, tuple)) else []
     possible = {name: isinstance(value, bool) for name in SWITCHES}
-    possible |= {name: low <= x <= high for name, (low, high) in BOUNDS.items()}
     possible |= {
+        "relief_height": 0.05 <= x <= 1.0,
         "microphone": whole and 0 <= x < count,
         "take": value is None or (whole and value in takes),
         "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
@@ -149,7 +147,7 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
     }
     if possible.get(key):
-        return tuple(sorted(set(numbers))) if numbers else x if key in BOUNDS and number else value
+        return tuple(sorted(set(numbers))) if numbers else x if key == "relief_height" else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"

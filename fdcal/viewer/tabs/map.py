@@ -107,13 +107,7 @@ class MapTab(Tab):
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
             return lambda choices: self._possible and kind_of(choices) in kinds
 
-        def in_space(choices: Choices) -> bool:
-            return self._possible and choices.shown and choices.volume
-
-        mapped, of_cost = (
-            of_kind(*(kind for kind in MAP_KINDS if kind != NOTHING)),
-            of_kind(FLOOR, RELIEF, VOLUME, BASINS),
-        )
+        mapped, of_cost = of_kind(FLOOR, RELIEF, SHAPE, BASINS, VOLUME), of_kind(FLOOR, RELIEF, BASINS, VOLUME)
         self.kind = binding.dropdown("Show", self.kinds, kind_of, self.show_as, visible=self._possible)
         self.relief = binding.slider(
             "Relief height (%)", 5, 100, 5, lambda choices: round(100 * choices.relief_height),

@@ -29,9 +29,7 @@ class TakeCurve:
     """What the plot shows of one take, or of all."""
 
     rows: np.ndarray  # (K,) int, its modes, counted from 1
-    # f, peaks: (K,) float64, their frequencies, and levels, dB
-    f: np.ndarray
-    peaks: np.ndarray
+    peaks: np.ndarray  # (K,) float64, their levels, dB
     # x, curve: (P,) float64, the curve through all peaks, Hz and dB
     x: np.ndarray
     curve: np.ndarray
@@ -108,11 +106,11 @@ def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurv
     if spectrum is None:
         stems = np.repeat(peaks, 3)
         stems[0::3] = stems[2::3] = HIDDEN
-        return TakeCurve(rows, f, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3))
+        return TakeCurve(rows, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3))
     x = np.concatenate([spectrum[0], f])
     order = np.argsort(x, kind="stable")
     at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
-    return TakeCurve(rows, f, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at)
+    return TakeCurve(rows, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at)
 
 
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
