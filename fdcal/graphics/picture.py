@@ -210,9 +210,8 @@ def static_picture(
     theme = THEMES[dark][lecture]
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
     base, top = z_range
-    radius = (
-        theme.marks * (PLANE_MARKER if base == top else SPACE_MARKER) * max(focus[2] - focus[0], focus[3] - focus[1])
-    )
+    extent = max(focus[2] - focus[0], focus[3] - focus[1])
+    radius = theme.marks * (PLANE_MARKER if base == top else SPACE_MARKER) * extent
     bounds, parts = focus, []
     if scene is not None and scene.room.response is None:  # the walls and the source of a measured room are unknown
         vertices = scene.room.vertices
@@ -292,11 +291,10 @@ def with_estimate(
     positions = drape(positions, floor, radius)
     if truth is not None and measurement.blind:
         moved = true_microphones(truth, picture.z_range, radius, picture.theme)
-        picture = _without(picture, "microphones/true", "microphones/stems").plus(*moved)
-    if len(known):
-        places = on_layer(drape(measurement.known_positions, floor, radius), base, radius, Layer.KNOWN)
-        squares = marked("microphones/known", places, radius)
-        picture = _without(picture, "microphones/known").plus(*squares)
+        still = ("microphones/true", "microphones/stems")
+        meshes = tuple(part for part in picture.meshes if not part.name.startswith(still))
+        kept = tuple(part for part in picture.lines if not part.name.startswith(still))
+        picture = replace(picture, meshes=meshes, lines=kept).plus(*moved)
     if errors is not None and len(errors):
         picture = picture.plus(*strokes("microphones/error", errors, radius))
     places = on_layer(positions[crossed], base, radius, Layer.ESTIMATE)
@@ -329,12 +327,6 @@ def with_estimate(
 
 
 ERROR_PIECES = 40  # of an error line over a relief, on which it lies: straight, it would go through hills
-
-
-def _without(picture: Picture, *names: str) -> Picture:
-    """The picture without the parts whose names begin so."""
-    meshes = tuple(part for part in picture.meshes if not part.name.startswith(names))
-    return replace(picture, meshes=meshes, lines=tuple(p for p in picture.lines if not p.name.startswith(names)))
 
 
 def row_word(measurement: Measurement) -> str:

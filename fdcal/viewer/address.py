@@ -108,12 +108,8 @@ class AddressBar:
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Set what differs from what is shown: a page that is loaded again changes nothing."""
         binding, now, camera = viewer.binding, parse_address(address_of(viewer)), camera_of(asked)
-        keys = (
-            ["view"]
-            if "lesson" in asked
-            else [key for key in ADDRESS if key not in ("scene", "method", "lesson", "part")]
-        )
-        new = {key: asked[key] for key in keys if key in asked and asked[key] != now.get(key)}
+        keys = {"view"} if "lesson" in asked else set(ADDRESS) - {"scene", "method", "lesson", "part"}
+        new = {key: asked[key] for key in ADDRESS if key in keys & asked.keys() and asked[key] != now.get(key)}
         count, microphone = binding.measurement.count, new.get("microphone", "none")
         if microphone != "none" and int(microphone) >= count:
             raise InputError(f"there is no microphone {microphone}", f"use 0 to {count - 1}", key="microphone")

@@ -3,7 +3,7 @@
 A plot that is removed and added again has no width for a moment, in which it pushes what is below it off the screen,
 and data for the old one may still be on their way.
 
-Other axes or another title make the page build a new chart. viser's page keeps the part of the abscissa that is
+Other axes make the page build a new chart. viser's page keeps the part of the abscissa that is
 seen, from one extent of the data to the next, and takes it from a chart that is gone where both change at once: the
 curve is then drawn in a corner, or cut off. So the page is given time to draw one before the other is sent.
 
@@ -23,6 +23,9 @@ MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(float(step * 10**power) for power in range(7) for step in (1, 2, 5))  # between ticks
 APART = 0.3  # s between data of another extent and other axes
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
+
+# Of the ordinate: powers of ten between the ends of a logarithmic axis, the ends of a linear one, or uPlot's own.
+Ends = range | tuple[float, float] | None
 
 
 class Plot:
@@ -48,32 +51,20 @@ class Plot:
         self._legend: Any = None if legend else {"show": False}
         self._steps: dict[str, Any] = {"incrs": WHOLE_STEPS} if whole else {}
         self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
-        self.folder, self.title, self.decades = gui.add_folder(None), title, None
-        self.limits: tuple[float, float] | None = None
+        self.folder, self.title = gui.add_folder(None), title
         self.handle: viser.GuiUplotHandle | None = None
-        self._wanted: tuple[tuple[np.ndarray, ...], tuple[Any, ...]] = (), ()  # data and axes that were shown last
+        self._ends: Ends = None  # of the axis that the page has
+        self._wanted: tuple[tuple[np.ndarray, ...], Ends] = (), None  # data and ends that were shown last
         self.data: tuple[np.ndarray, ...] = ()  # the data that the page has
         self._until, self._axes_next = 0.0, False  # when something may be sent again, and whether these are axes
 
-    def show(
-        self,
-        data: tuple[np.ndarray, ...],
-        decades: range | None = None,
-        title: str | None = None,
-        limits: tuple[float, float] | None = None,
-    ) -> None:
-        """Draw columns of finite numbers.
-
-        `data`: abscissa and ordinates, (P,) float64 each; `decades`: powers of ten between the ends of a logarithmic
-        axis; None for a linear axis with uPlot's own ends; `title`: a new title, or None to keep the present one;
-        `limits`: ends of a linear axis; None for uPlot's own.
-        """
-        self._wanted = data, (title or self.title, decades, limits)
+    def show(self, data: tuple[np.ndarray, ...], ends: Ends = None) -> None:
+        """Draw columns of finite numbers: abscissa and ordinates, (P,) float64 each."""
+        self._wanted = data, ends
         if self.handle is None:
-            self.title, self.decades, self.limits = self._wanted[1]
+            self.data, self._ends = data, ends
             with self.folder:
                 scales, axes = self._scales_and_axes()
-                self.data = data
                 self.handle = self._gui.add_uplot(
                     data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
                     padding=PADDING, legend=self._legend,
@@ -85,34 +76,23 @@ class Plot:
         now = time.perf_counter()
         if self.handle is None or now < self._until:
             return
-        data, axes = self._wanted
+        data, ends = self._wanted
         if self._axes_next:  # after data of another extent
             self._axes_next, self._until = False, now + APART
-            self._send_axes(axes)
-            return
-        renewed = axes != (self.title, self.decades, self.limits)
-        if data is not self.data:
-            self._axes_next = renewed and _extent(data) != _extent(self.data)
+        elif data is not self.data:
+            self._axes_next = ends != self._ends and _extent(data) != _extent(self.data)
             self._until = now + APART if self._axes_next else 0.0
             self.data = self.handle.data = data
-        if renewed and not self._axes_next:
-            self._send_axes(axes)
-
-    def _send_axes(self, axes: tuple[Any, ...]) -> None:
-        title, *ends = axes
-        renamed, rescaled = title != self.title, ends != [self.decades, self.limits]
-        self.title, self.decades, self.limits = axes
-        if self.handle is not None and renamed:
-            self.handle.title = title
-        if self.handle is not None and rescaled:
+        if ends != self._ends and not self._axes_next:
+            self._ends = ends
             self.handle.scales, self.handle.axes = self._scales_and_axes()
 
     def _scales_and_axes(self) -> tuple[dict[str, uplot.Scale], tuple[uplot.Axis, uplot.Axis]]:
         y, axis = uplot.Scale(), uplot.Axis(size=58)
-        if self.limits is not None:
-            y = uplot.Scale(range=self.limits)
-        if self.decades is not None:
-            splits = tuple(10.0**power for power in self.decades)
+        if isinstance(self._ends, tuple):
+            y = uplot.Scale(range=self._ends)
+        elif self._ends is not None:
+            splits = tuple(10.0**power for power in self._ends)
             apart = 1 + len(splits) // MAX_NUMBERED_DECADES
             numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
             y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))

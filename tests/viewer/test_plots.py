@@ -115,7 +115,7 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
         (5, 5.0, 0.0, (5, 5.0)),  # with the same axes: at once
     ):
         clock[0] += elapsed
-        plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), limits=(0.0, top))
+        plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), (0.0, top))
         assert (len(plot.data[0]), plot.handle.scales["y"]["range"][1]) == seen
 
 

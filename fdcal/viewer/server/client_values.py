@@ -142,6 +142,5 @@ def _is_number(value) -> bool:
 
 
 def _is_vector(value, count: int) -> bool:
-    if not isinstance(value, (list, tuple)) or len(value) != count:
-        return False
-    return all(_is_number(x) and abs(x) <= MAX_COORDINATE for x in value)
+    of_length = isinstance(value, (list, tuple)) and len(value) == count
+    return of_length and all(_is_number(x) and abs(x) <= MAX_COORDINATE for x in value)

@@ -210,9 +210,8 @@ def titled(respond: Respond, film: str = "", on_sent: Callable[[], None] = lambd
             response.body = with_title(bytes(response.body), zipped, film)
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
-            response.headers["Content-Security-Policy"] = (
-                "frame-ancestors 'self'"  # no other site shows it, and acts by it
-            )
+            # no other site shows it, and acts by it
+            response.headers["Content-Security-Policy"] = "frame-ancestors 'self'"
             on_sent()
         return response
 

@@ -219,7 +219,12 @@ class SweepTab(Tab):
         """
         if drawn is not None:
             self._panels = drawn.panels
-        swept, style, panels, found = self._map_of(wanted), wanted.style, self._panels, drawn
+        sweep, style, panels, found, swept = self._sweep, wanted.style, self._panels, drawn, None
+        if sweep is not None and not (style.relief or style.shape or style.volume):
+            of = sweep.request
+            same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
+            if same and (style.log, style.basins) == (of.style.log, of.style.basins):
+                swept = sweep.frame(first_of(of.modes, wanted.modes))
         if swept is not None:
 
             def draw() -> CostMap:
@@ -233,15 +238,6 @@ class SweepTab(Tab):
             return (last if kept else None), ""
         self._last = found
         return found, reason
-
-    def _map_of(self, wanted: CostMapRequest) -> CostMap | None:
-        """Return the map of a request where the sweep has it."""
-        sweep, style = self._sweep, wanted.style
-        if sweep is None or style.relief or style.shape or style.volume:
-            return None
-        same = replace(wanted, modes=sweep.request.modes, custom_modes=True, style=sweep.request.style) == sweep.request
-        same = same and (style.log, style.basins) == (sweep.request.style.log, sweep.request.style.basins)
-        return sweep.frame(first_of(sweep.request.modes, wanted.modes)) if same else None
 
     @property
     def made(self) -> Sweep | None:
@@ -328,4 +324,4 @@ class SweepTab(Tab):
         if sweep is not None and sweep.frames:
             minima = tuple(0 if one.minima is None else one.minima.count for one in sweep.frames[:])
             data = self._curve(lambda: curve(len(sequence), minima, summed), sweep, len(minima), summed)
-            self._plot.show(data, limits=(0.0, max(minima) + 1.0))
+            self._plot.show(data, (0.0, max(minima) + 1.0))

@@ -149,8 +149,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     request = replace(request, style=replace(request.style, log=True))
     log, quantity = has_decibels(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
-    drawn = {"truth": truth, "estimate": positions[n][:2]}
-    drawn |= {"heading": heading, "log": log, "quantity": quantity}
+    drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading, "log": log, "quantity": quantity}
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
     return call(landscape_bytes, file_format, _panels(snapshot, MAX_PANELS), drawn)
 
