@@ -129,12 +129,8 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
         kappa, over = diffuse_kernel(distance, some, dimension)
         slopes = np.asarray(over).reshape(-1, 1, N, N) * np.moveaxis(apart, -1, 0)
         # On positions and gains, each mode of unknown power: slopes are d kappa_ij / dx_ia, 1/m.
-        M, K, S, one = (
-            len(some),
-            (1 - noise_fraction) * kappa.reshape(-1, N, N),
-            (1 - noise_fraction) * slopes,
-            np.eye(N),
-        )
+        M, one = len(some), np.eye(N)
+        K, S = (1 - noise_fraction) * kappa.reshape(-1, N, N), (1 - noise_fraction) * slopes
         C = K + noise_fraction * one
         Ci = np.linalg.inv(C)
         CS = Ci[:, None] @ S.swapaxes(2, 3)
@@ -172,8 +168,7 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     scale = 1 / np.sqrt(np.diag(F))
     values, vectors = np.linalg.eigh(scale[:, None] * F * scale)
     vectors = B @ (scale[:, None] * vectors / np.sqrt(np.maximum(values, MIN_EIGENVALUE * values[-1])))
-    x, P = information.positions, (vectors[: N * D] @ vectors[: N * D].T)
-    N, D = x.shape
+    P = vectors[: N * D] @ vectors[: N * D].T
     free = np.ones(N, bool)
     free[prior.known] = False
     blocks = np.einsum("nanb->nab", P.reshape(N, D, N, D))

@@ -34,16 +34,7 @@ from ..acoustics.compiled import compiled
 from ..acoustics.dictionary import LatticeDictionary, max_order
 from ..model.problem import Problem
 from ..model.validation import Bools, Complexes, Integers, Reals
-from .eq7 import (
-    LeaveOneOutFit,
-    expansion_of,
-    known_weights,
-    leave_one_out_fits,
-    require_modes,
-    require_plane_field,
-    search_domain,
-    usable_modes,
-)
+from . import eq7
 
 SPACING = 1 / 8  # of coarse candidates, of the shortest wavelength in use
 MIN_COARSE = 5  # coarse candidates along the shortest axis, at least
@@ -56,10 +47,10 @@ MAX_WALK = 40  # moves at the finest step
 @functools.lru_cache(maxsize=3)
 def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
     """Return the lattice of a search domain in the plane, with every mode that the microphones can carry."""
-    search = search_domain(problem)
-    require_plane_field(problem)
-    require_modes(problem, order_offset, 1)
-    k = problem.wavenumbers[: usable_modes(problem, order_offset)]
+    search = eq7.search_domain(problem)
+    eq7.require_plane_field(problem)
+    eq7.require_modes(problem, order_offset, 1)
+    k = problem.wavenumbers[: eq7.usable_modes(problem, order_offset)]
     return LatticeDictionary(search, k, max_order(k, search.radius, order_offset))
 
 
@@ -79,7 +70,7 @@ def best_candidate(
     """
     pressures, radial, orders = problem.pressures[modes], lattice.radial(modes), lattice.orders[modes]
     W = lattice.dictionary(positions, centre, range(len(lattice.orders))[modes])
-    fits, K = leave_one_out_fits(W, pressures, n, known_weights(problem, known_weight)), 2 * orders + 1
+    fits, K = eq7.leave_one_out_fits(W, pressures, n, eq7.known_weights(problem, known_weight)), 2 * orders + 1
     columns, r0 = np.zeros((len(K), K.max() + 1, K.max()), complex), np.array([fit.r0 for fit in fits])
     for m, fit in enumerate(fits):
         columns[m, : K[m], : K[m]], columns[m, K[m], : K[m]] = fit.Z.T, fit.alpha
@@ -93,8 +84,8 @@ class SpaceLattice:
     """The candidates of a search domain of three dimensions; `orders` (M,) int64 are those of its modes."""
 
     def __init__(self, problem: Problem, order_offset: int):
-        self._expansion = expansion_of(problem, order_offset)
-        self._search, self.orders = search_domain(problem), self._expansion.carried.orders
+        self._expansion = eq7.expansion_of(problem, order_offset)
+        self._search, self.orders = eq7.search_domain(problem), self._expansion.carried.orders
         self._k = np.abs(problem.wavenumbers[self._expansion.carried.modes])
         self._shape, self.nearest = np.array(self._search.shape), self._search.nearest
 
@@ -113,7 +104,7 @@ class SpaceLattice:
             found |= zip(group.tolist(), self._expansion.rows(np.asarray(positions, float), centre, group), strict=True)
         return [found[mode] for mode in modes]
 
-    def best(self, centre: Reals, modes: slice, fits: list[LeaveOneOutFit], start: Reals) -> tuple[np.ndarray, float]:
+    def best(self, centre: Reals, modes: slice, fits: list[eq7.LeaveOneOutFit], start: Reals) -> tuple[Reals, float]:
         """Return the candidate (3,), metres, of least cost that the search finds, and that cost, summed over `modes`.
 
         `fits` are the `leave_one_out_fits` of these modes, and `start` (3,), metres, is where the microphone is.

@@ -36,19 +36,7 @@ from ..acoustics.dictionary import bessel, fourier_bessel, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Reals, frozen_array
-from .eq7 import (
-    FieldExpansion,
-    LeaveOneOutFit,
-    coefficients,
-    expansion_of,
-    functions,
-    known_weights,
-    leave_one_out_fits,
-    require_carried,
-    require_modes,
-    require_plane_field,
-    search_domain,
-)
+from . import eq7
 from .kernels import diffuse_correlation
 from .likelihood import isotropic_field
 from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
@@ -141,7 +129,7 @@ def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
 class NodeTerms:
     """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes."""
 
-    fit: LeaveOneOutFit
+    fit: eq7.LeaveOneOutFit
     values: Reals  # (3, [nz,] ny, nx) float64
 
     @property
@@ -159,7 +147,7 @@ class MovedMicrophone:
     """The terms of Eq. 7 with microphone `n` anywhere and the others in their places, at one fixed order."""
 
     problem: Problem
-    expansion: FieldExpansion  # of the order
+    expansion: eq7.FieldExpansion  # of the order
     positions: Reals  # (N, D) float64, metres
     n: int
     centre: Reals  # (D,) float64, metres, of the expansion
@@ -169,18 +157,18 @@ class MovedMicrophone:
     @property
     def domain(self) -> Search:
         """The search domain, over which nodes are laid."""
-        return search_domain(self.problem)
+        return eq7.search_domain(self.problem)
 
-    def fits(self, modes: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, LeaveOneOutFit, np.ndarray]]:
+    def fits(self, modes: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, eq7.LeaveOneOutFit, np.ndarray]]:
         """Yield each of `modes`, counted from 1, with its fit and its rows of W (C, K) at points (C, D), metres."""
         carried, count = self.expansion.carried.modes, len(self.positions)
         places = np.concatenate([self.positions, points])
         for group in self.expansion.groups(np.searchsorted(carried, np.asarray(modes) - 1)):
-            values = len(places) * functions(self.problem, int(self.expansion.carried.orders[group[0]]))
+            values = len(places) * eq7.functions(self.problem, int(self.expansion.carried.orders[group[0]]))
             for batch in np.array_split(group, min(-(-len(group) * values // MAX_VALUES), len(group))):
                 rows = self.expansion.rows(places, self.centre, batch)
                 W = self.scale[:, None] * rows[:, :count]
-                fits = leave_one_out_fits(list(W), self.pressures[carried[batch]], self.n)
+                fits = eq7.leave_one_out_fits(list(W), self.pressures[carried[batch]], self.n)
                 yield from zip(carried[batch] + 1, fits, self.scale[self.n] * rows[:, count:], strict=True)
 
     def at_nodes(
@@ -220,9 +208,9 @@ def _on_the_page(
 
     They are those of `fdcal.cost.eq7`, and depend neither on the solver nor on the other modes.
     """
-    require_carried(problem, modes, order_offset)
+    eq7.require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)
-    return MovedMicrophone(problem, expansion_of(problem, order_offset), x, n, x.mean(axis=0), pressures, scale)
+    return MovedMicrophone(problem, eq7.expansion_of(problem, order_offset), x, n, x.mean(axis=0), pressures, scale)
 
 
 def eq7_maps(
@@ -296,13 +284,13 @@ def descent_maps(
     The squared residuals of known microphones have the weight `known_weight`, and the expansion is about `centre` (D,),
     metres: the point of the search lattice nearest to the centre of mass unless given. `search` is as of `eq7_maps`.
     """
-    require_carried(problem, modes, order_offset)
-    x, domain = np.asarray(positions, float), search_domain(problem)
-    scale = np.sqrt(known_weights(problem, known_weight))
+    eq7.require_carried(problem, modes, order_offset)
+    x, domain = np.asarray(positions, float), eq7.search_domain(problem)
+    scale = np.sqrt(eq7.known_weights(problem, known_weight))
     scale[n] = 1.0  # also of a known microphone: it is the one that is moved
     if centre is None:
         centre = domain.nearest(x.mean(axis=0))
-    expansion, pressures = expansion_of(problem, order_offset), scale * problem.pressures
+    expansion, pressures = eq7.expansion_of(problem, order_offset), scale * problem.pressures
     return MovedMicrophone(problem, expansion, x, n, np.asarray(centre), pressures, scale).maps(modes, search)
 
 
@@ -321,7 +309,7 @@ def likelihood_maps(
 
     `noise` (modes,), v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact.
     """
-    x, domain = np.ascontiguousarray(positions, float), search_domain(problem)
+    x, domain = np.ascontiguousarray(positions, float), eq7.search_domain(problem)
     if not np.isfinite(x).all():
         raise np.linalg.LinAlgError("positions are not finite")
     p, others = problem.pressures[modes], np.delete(x, n, axis=0)
@@ -398,7 +386,7 @@ def _tables(problem: Problem) -> dict[int, np.ndarray]:
 
 def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
     """Return the rows (C, 2L + 1) of the real dictionary at the nodes; computed again only for a higher order."""
-    rows, domain = _tables(problem).get(mode), search_domain(problem)
+    rows, domain = _tables(problem).get(mode), eq7.search_domain(problem)
     if rows is None or rows.shape[1] < 2 * order + 1:
         points = node_points(domain, node_counts(domain, k), ())
         rows = _tables(problem)[mode] = _real_dictionary(points, k, order, _middle(domain))
@@ -443,7 +431,7 @@ def mode_powers(
     if order_offset is None and solver.TRAITS.moves_all:
         return None
     pressures, _ = equalised(problem.pressures[np.asarray(modes) - 1], state.channels)
-    weights = 1.0 if order_offset is not None else known_weights(problem, state.settings.known_weight)
+    weights = 1.0 if order_offset is not None else eq7.known_weights(problem, state.settings.known_weight)
     return np.sum(weights * np.abs(pressures) ** 2, axis=1)
 
 
@@ -465,7 +453,7 @@ def partial_sums(
     The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
     how many modes the sums have that are yielded, ascending, 1 to P unless given.
     """
-    search = search_domain(problem) if search is None else search
+    search = eq7.search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
     powers = mode_powers(problem, solver, state, modes, order_offset)
     share = np.ones(len(modes)) if powers is None else powers / powers.sum()
@@ -494,7 +482,7 @@ def map_minima(
 
 def lattice_of(problem: Problem, modes: Sequence[int]) -> Search:
     """Return the coarsest lattice that shows the minima of a sum of modes as they are: a fine one for few modes."""
-    domain = search_domain(problem)
+    domain = eq7.search_domain(problem)
     return refined(domain) if len(modes) <= FEW_MODES else domain
 
 
@@ -538,7 +526,7 @@ def mode_shape(
     L = min(int(max_order(k, search.radius, order_offset)), (len(others) - 2) // 2)
     centre = positions[others].mean(axis=0)
     p, scale = equalised(problem.pressures[mode - 1], channels)
-    alpha = coefficients(scale[others, None] * fourier_bessel(positions[others], k, L, centre), p[others])
+    alpha = eq7.coefficients(scale[others, None] * fourier_bessel(positions[others], k, L, centre), p[others])
     points = search.layer()
     field = fourier_bessel(points.reshape(-1, 2), k, L, centre) @ alpha
     turn = np.exp(-0.5j * np.angle(np.sum(field**2)))
@@ -617,10 +605,10 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
 
     `modes` count from 1; `order_offset` is added to the order of Eq. 3.
     """
-    require_plane_field(problem)
+    eq7.require_plane_field(problem)
     if problem.search is not None:
-        require_modes(problem, order_offset, max(modes))
-    maps, search = descent_maps(problem, positions, n, modes, order_offset), search_domain(problem)
+        eq7.require_modes(problem, order_offset, max(modes))
+    maps, search = descent_maps(problem, positions, n, modes, order_offset), eq7.search_domain(problem)
     fine, marks, total = refined(search), [], np.zeros(1)
     for mode in modes:  # a mode alone has its minima on a fine lattice: `fdcal.cost.scale`
         cost = descent_maps(problem, positions, n, (mode,), order_offset, search=fine)[0]

@@ -39,16 +39,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.validation import Complexes, Integers, Numbers, Reals
-from .kernels import (
-    blocks,
-    cosines_and_sines,
-    hermitian_inverses,
-    pair_covariance,
-    pair_powers,
-    plane_waves,
-    triangular_inverses,
-    wave_directions,
-)
+from . import kernels
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # of the noise
@@ -158,15 +149,16 @@ def learned_powers(
     k, weight, dimension = np.asarray(field.wavenumbers), 1 / np.sqrt(field.channel_noise), field.dimension
     x = x - np.mean(x if field.about is None else field.about, axis=0)
     p = weight * pressures / np.sqrt(field.power)[:, None]
-    S, w, mu = np.array(powers, float), wave_directions(dimension, powers.shape[1])[1], field.noise / field.power
+    S, mu = np.array(powers, float), field.noise / field.power
+    w = kernels.wave_directions(dimension, powers.shape[1])[1]
     if np.isrealobj(k) and len(w) > len(x):
-        waves, explained = cosines_and_sines(x, k, len(w), dimension) * weight[:, None], _by_pairs
+        waves, explained = kernels.cosines_and_sines(x, k, len(w), dimension) * weight[:, None], _by_pairs
     else:
-        waves = plane_waves(x, k, np.ones_like(S), dimension) * weight
+        waves = kernels.plane_waves(x, k, np.ones_like(S), dimension) * weight
         explained = _by_waves
     strength, resolved, rows = np.empty_like(S), np.empty_like(S), [takes == take for take in np.unique(takes)]
     for _ in range(iterations):
-        for m in blocks(len(k), 2 * len(x) * len(w)):
+        for m in kernels.blocks(len(k), 2 * len(x) * len(w)):
             strength[m], resolved[m] = explained(waves[m], S[m], p[m], mu[m, None], dimension)
         own = S * (strength + 1 - resolved)
         own /= (own @ w)[:, None]
@@ -186,7 +178,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
-    X = triangular_inverses(np.linalg.cholesky(C))
+    X = kernels.triangular_inverses(np.linalg.cholesky(C))
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)
@@ -195,11 +187,11 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
 def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
     (M, N, Q), n = waves.shape, np.arange(int(waves.shape[1]))
-    half, w = Q // 2, wave_directions(dimension, Q)[1]
+    half, w = Q // 2, kernels.wave_directions(dimension, Q)[1]
     C = np.empty((M, N, N), complex)
-    pair_covariance(waves, *pair_powers(S, dimension), C)
+    kernels.pair_covariance(waves, *kernels.pair_powers(S, dimension), C)
     C[:, n, n] += mu
-    P = hermitian_inverses(C)[0]
+    P = kernels.hermitian_inverses(C)[0]
     along = np.matmul(waves.swapaxes(1, 2), np.matmul(P, p[..., None]).view(float))  # real and imaginary part
     turned = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
     amplitudes = np.concatenate([along[:, :half] + turned, along[:, :half] - turned], axis=1)

@@ -150,9 +150,8 @@ class Scene:
             sensing, band = self.measurement, self.emitter.band
             if not band.low <= sensing.lowest < sensing.highest <= band.high:
                 problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
-                problem += (
-                    f" exceeds the band of the source, source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
-                )
+                problem += " exceeds the band of the source,"
+                problem += f" source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
                 remedy = "narrow the one or widen the other"
                 raise InputError(problem, remedy, key="measurement.highest", value=sensing.highest)
         elif self.array.number > LIMITS.microphones_3d:

@@ -188,9 +188,8 @@ def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray]:
     constant = np.array(p)
     constant[:, healthy] = seen - mean
     by_field, by_mean = (summarise(p, one, healthy).modes for one in (errors, constant))
-    low = np.argsort(problem.frequencies[modes], kind="stable")[
-        : max(DOCTOR_RULES.fewest, int(DOCTOR_RULES.lowest * len(p)))
-    ]
+    count = max(DOCTOR_RULES.fewest, int(DOCTOR_RULES.lowest * len(p)))
+    low = np.argsort(problem.frequencies[modes], kind="stable")[:count]
     return _mean_db(by_field[low]), _mean_db(by_mean[low]), by_field, problem.frequencies[modes]
 
 

@@ -91,9 +91,8 @@ class LessonSetting:
         if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera is of a window alone
             values["view"] = "3d" if numbers else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
-        return LessonSetting(
-            **(values | {name: value for name, value in vars(self).items() if value not in (None, ())})
-        )
+        given = {name: value for name, value in vars(self).items() if value not in (None, ())}
+        return LessonSetting(**(values | given))
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,8 @@ class SceneParameters:
     radius: Metres
     # "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
     walls: str
-    absorption: Annotated[
-        float, within(0, 1)
-    ]  # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
+    # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
+    absorption: Annotated[float, within(0, 1)]
     snr_db: float  # decibels, inf for no noise
     sound_speed_error: float  # relative error of the sound speed given to the solver, positive if it is too high
     known: Annotated[int, within(0)]  # number of known microphones

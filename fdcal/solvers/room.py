@@ -43,16 +43,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ..acoustics.room_modes import (
-    TRUNCATION,
-    DiffuseModel,
-    PointSourceModel,
-    diffuse_model,
-    nearest_symmetry,
-    point_source_model,
-    room_pressures,
-    room_symmetries,
-)
+from ..acoustics import room_modes
 from ..cost.eq7 import search_domain
 from ..model.problem import Problem, mode_power
 from ..model.settings import Search, SolverSettings
@@ -81,7 +72,7 @@ def field_power(pressures: Complexes, noise: Reals) -> np.ndarray:
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
-def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: DiffuseModel) -> NewtonTerms:
+def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: room_modes.DiffuseModel) -> NewtonTerms:
     """Return -log of the probability density by the diffuse model at positions `theta` (N D,), and its derivatives.
 
     It is known up to a constant. The noise includes the power of position errors.
@@ -149,9 +140,9 @@ def exact(
     x, source = theta[:source_at].reshape(N, D), theta[source_at:walls_at]
     beta, longer = complex(*theta[walls_at:lengths_at]), theta[lengths_at:]
     size = tuple(np.asarray(size) * (1 + longer)) if len(longer) else tuple(size)
-    room = point_source_model(size, wavenumbers, beta)
+    room = room_modes.point_source_model(size, wavenumbers, beta)
     excited, shapes = room.excitation(source), room.shapes(x)
-    g = room_pressures(excited, shapes)
+    g = room_modes.room_pressures(excited, shapes)
     square = np.sum(np.abs(g) ** 2, axis=1, keepdims=True)
     A = np.sum(g.conj() * pressures, axis=1, keepdims=True) / square
     scale = 1 / np.sqrt(noise)[:, None]
@@ -162,13 +153,13 @@ def exact(
         return Exact(theta, prior, residual, A * g, jacobian)
 
     def slope(size: Sequence[float] | Reals, beta: complex) -> np.ndarray:
-        changed = point_source_model(size, wavenumbers, beta)
-        return (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / DIFFERENCE
+        changed = room_modes.point_source_model(size, wavenumbers, beta)
+        return (room_modes.room_pressures(changed.excitation(source), changed.shapes(x)) - g) / DIFFERENCE
 
     dg = np.zeros((*g.shape, len(theta)), complex)
     for a in range(D):
-        dg[:, np.arange(N), D * np.arange(N) + a] = room_pressures(excited, room.shapes(x, a))
-        dg[:, :, source_at + a] = room_pressures(room.excitation(source, a), shapes)
+        dg[:, np.arange(N), D * np.arange(N) + a] = room_modes.room_pressures(excited, room.shapes(x, a))
+        dg[:, :, source_at + a] = room_modes.room_pressures(room.excitation(source, a), shapes)
     dg[:, :, walls_at] = slope(size, beta + DIFFERENCE)
     dg[:, :, walls_at + 1] = 1j * dg[:, :, walls_at]
     for a, change in enumerate(longer):
@@ -297,7 +288,7 @@ def find_arrays(
     everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
     found: list[tuple[float, float, Reals, LatticePoints]] = []
     for width in WIDTHS:
-        points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
+        points = LatticePoints(everywhere, p, noise, room_modes.diffuse_model(size, k, width))
         found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
     found.sort(key=lambda one: one[0])
     better: dict[bytes, tuple[float, ArrayCandidate]] = {}
@@ -316,7 +307,7 @@ MAX_PASSES = 3  # in which the microphones of an array are placed again
 class LatticePoints:
     """Points (C, D), and what the diffuse model gives at them for any array."""
 
-    def __init__(self, points: np.ndarray, pressures: Complexes, noise: Reals, model: DiffuseModel):
+    def __init__(self, points: np.ndarray, pressures: Complexes, noise: Reals, model: room_modes.DiffuseModel):
         self.points, self.p, self.noise, self.model = points, pressures, noise, model
         self.weights = field_power(pressures, noise)[:, None] * model.weights  # (M, E)
         self.shapes = model.shapes(points)
@@ -390,7 +381,7 @@ def find_sources(
     """Return places of the source, some lattice steps apart, the likeliest first."""
     step = lattice_step(wavenumbers, size) / FINER
     axes, points = lattice(size, step)
-    rooms = [point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
+    rooms = [room_modes.point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
     costs = np.array([_source_costs(room, positions, pressures, axes) for room in rooms])
     chosen: list[int] = []
     for c in np.argsort(costs.min(axis=0), kind="stable").tolist():
@@ -405,7 +396,9 @@ def find_sources(
 UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained
 
 
-def _source_costs(room: PointSourceModel, positions: Reals, pressures: Complexes, axes: Sequence[Reals]) -> np.ndarray:
+def _source_costs(
+    room: room_modes.PointSourceModel, positions: Reals, pressures: Complexes, axes: Sequence[Reals]
+) -> np.ndarray:
     """Return the cost of the residual with a source of any strength at each point of a lattice : (C,) float64."""
     shapes, along = room.shapes(positions), _along(room, axes)
     cost = np.zeros(np.prod([len(axis) for axis in axes]))
@@ -432,9 +425,9 @@ def relocate(
     """
     D = len(size)
     axes, points = lattice(size, lattice_step(wavenumbers, size) / FINER)
-    room = point_source_model(size, wavenumbers, complex(*walls[D:]))
+    room = room_modes.point_source_model(size, wavenumbers, complex(*walls[D:]))
     excited, along = room.excitation(walls[:D]), _along(room, axes)
-    here = room_pressures(excited, room.shapes(positions))
+    here = room_modes.room_pressures(excited, room.shapes(positions))
     loud = np.sum(here.conj() * pressures, axis=1, keepdims=True) / np.sum(np.abs(here) ** 2, axis=1, keepdims=True)
     fitted = loud * np.array([_everywhere(T[None], along, m)[0] for m, T in enumerate(excited)])  # (M, C)
     costs = np.sum(np.abs(fitted) ** 2, axis=0)[:, None] - 2 * np.real(fitted.conj().T @ pressures)
@@ -443,7 +436,7 @@ def relocate(
     return np.where(better[:, None], points[costs.argmin(axis=0)], positions)
 
 
-def _along(room: PointSourceModel, axes: Sequence[Reals]) -> list[np.ndarray]:
+def _along(room: room_modes.PointSourceModel, axes: Sequence[Reals]) -> list[np.ndarray]:
     """Return the eigenfunctions along each axis at the coordinates of a lattice: D arrays (M, C_a, n_a)."""
     middle, number = np.asarray(room.size) / 2, np.arange(len(axes))
     return [room.shapes(np.where(number == a, axis[:, None], middle))[a] for a, axis in enumerate(axes)]
@@ -460,20 +453,8 @@ def _everywhere(weights: Numbers, along: Sequence[Numbers], m: int) -> np.ndarra
 TRAITS = Traits(moves_all=True, needs_room=True)
 
 
-@dataclass(frozen=True)
-class PhaseLimits:
-    """A phase ends when no coordinate moves further than `tolerance`, metres, or after `max_steps` steps."""
-
-    tolerance: float
-    max_steps: int = 12
-
-
-PHASES = {
-    "diffuse": PhaseLimits(tolerance=3e-3),
-    "rough": PhaseLimits(tolerance=1e-3),
-    "relocated": PhaseLimits(tolerance=1e-3),
-    "exact": PhaseLimits(tolerance=1e-6, max_steps=20),
-}
+# a phase ends when no coordinate moves further than so many metres, or after so many steps
+PHASES = {"diffuse": (3e-3, 12), "rough": (1e-3, 12), "relocated": (1e-3, 12), "exact": (1e-6, 20)}
 
 PhaseName = Literal["search", "diffuse", "source", "rough", "relocated", "exact"]
 
@@ -599,10 +580,9 @@ def step(problem: Problem, state: State) -> State:
         sources = tuple(find_sources(state.positions, p, k, state.size))
         return _following(problem, replace(state, restarts=replace(state.restarts, sources=sources)), True)
     state, moved = _fitted(state, p, noise, k)
-    converged = moved < PHASES[phase.name].tolerance
-    if converged or phase.steps >= PHASES[phase.name].max_steps:
-        return _following(problem, state, converged)
-    return state
+    tolerance, max_steps = PHASES[phase.name]
+    ended = moved < tolerance or phase.steps >= max_steps
+    return _following(problem, state, moved < tolerance) if ended else state
 
 
 ROUGH_NOISE = 1e-3  # added until the admittance of the walls is known
@@ -617,7 +597,7 @@ def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State
     N, D = state.positions.shape
     if name == "diffuse":
         v = noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
-        model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
+        model, theta = room_modes.diffuse_model(size, k, state.width), state.positions.ravel()
         terms = diffuse_terms(theta, p, v, model)
 
         def cost(y: Reals) -> float:
@@ -723,9 +703,9 @@ def _finished(problem: Problem, state: State, best: RoomOptimum, left: float) ->
     """
     size, D, x = state.size, len(state.size), best.positions
     if len(problem.known):
-        image = nearest_symmetry(x[problem.known], problem.known_positions, size)
+        image = room_modes.nearest_symmetry(x[problem.known], problem.known_positions, size)
     else:
-        image = min(room_symmetries(size), key=lambda image: list(image.apply(x).mean(axis=0).round(9)))
+        image = min(room_modes.room_symmetries(size), key=lambda image: list(image.apply(x).mean(axis=0).round(9)))
     noise = state.noise.power if state.noise.given else state.noise.power * left
     return replace(
         state,
@@ -753,7 +733,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Sear
     """Return the cost of microphone `n` over the search lattice, the others constrained : (modes, ny, nx)."""
     points = (search_domain(problem) if domain is None else domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
-    model = diffuse_model(state.size, k, state.width)
+    model = room_modes.diffuse_model(state.size, k, state.width)
     lattice = LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
     costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
@@ -785,7 +765,7 @@ def result(problem: Problem, state: State) -> RoomEstimate:
         np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)]),
         residual, np.sum(np.abs(fit.residual) ** 2, axis=0), noise_fraction, state.noise.given, tuple(map(float, size)),
         fitted_size(state.theta, p, noise, k, size, residual), state.walls[:D], complex(*state.walls[D:]),
-        tuple(room_symmetries(size)),
+        tuple(room_modes.room_symmetries(size)),
     )  # fmt: skip
 
 
@@ -819,7 +799,8 @@ def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ..
         lowest = f"{problem.sound_speed / 2 / max(size):.4g} Hz"
         message = f": so small a room has its first resonance at {lowest}, above all frequencies in use"
         raise error(message, "give <room> in metres")
-    top = np.sqrt(TRUNCATION.decay / TRUNCATION.tau(D) + highest**2) / np.pi  # where the exact model's sum ends
+    limit = room_modes.TRUNCATION
+    top = np.sqrt(limit.decay / limit.tau(D) + highest**2) / np.pi  # where the exact model's sum ends
     if modes * np.prod([1 + top * length for length in size]) > MAX_RESPONSE:
         raise error(": a room so large has too many modes", "give <room> in metres")
     outside = np.flatnonzero(np.any((problem.known_positions < 0) | (problem.known_positions > size), axis=1))

@@ -14,7 +14,7 @@ coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p
 """
 
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, combinations_with_replacement
 
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
@@ -120,37 +120,30 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
     N, D = shape.shape
     k = np.real(problem.wavenumbers)
     guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
-    maps = [_symmetric(a, b, D) for a in range(D) for b in range(a, D)]
+    axes, pairs = np.eye(D), combinations_with_replacement(range(D), 2)
+    maps = [np.maximum(np.outer(axes[a], axes[b]), np.outer(axes[b], axes[a])) for a, b in pairs]
     basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
     residual = None
     for count in (METRIC_MODES, METRIC_MODES, modes, modes):
-        used = _enough_modes(problem, min(count, modes))
-        p = problem.pressures[used]
-        fraction = np.full(len(used), FIRST_NOISE) if residual is None else _noise_fractions(residual, problem, k[used])
+        several = min(count, modes)  # of which as many are used, evenly spaced, as a fit of few parameters needs
+        apart = min(several * N // METRIC_PRESSURES, several // MIN_MODES)
+        used = np.arange(several)[:: max(1, apart)]
+        p, fraction = problem.pressures[used], np.full(len(used), FIRST_NOISE)
+        if residual is not None:  # unexplained fraction of the power
+            unexplained = residual.noise_fraction + (k[used] * residual.spread) ** 2 / problem.dimension
+            fraction = np.minimum(unexplained, 0.5)
         field = isotropic_field(p, k[used], fraction * mode_power(p), problem.dimension)
         if residual is None:
             sizes = [scale * guess for scale in SCALES]
             guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
         guess = _fitted(guess, p, field, basis)
-        residual = _noise_at(problem, guess, min(count, modes))
+        residual = _noise_at(problem, guess, several)
     return guess
-
-
-def _symmetric(a: int, b: int, D: int) -> np.ndarray:
-    S = np.zeros((D, D))
-    S[a, b] = S[b, a] = 1.0
-    return S
 
 
 # pressures, about, to which a metric is fitted, of so many modes at least
 METRIC_PRESSURES = 4000
 MIN_MODES = 24
-
-
-def _enough_modes(problem: Problem, modes: int) -> np.ndarray:
-    """Indices of as many modes, evenly spaced, as a fit of few parameters needs : int64."""
-    count = modes * problem.pressures.shape[1] // METRIC_PRESSURES
-    return np.arange(modes)[:: max(1, min(count, modes // MIN_MODES))]
 
 
 NOISE_MODES = 24  # modes from which its noise is estimated
@@ -162,11 +155,6 @@ def _noise_at(problem: Problem, positions: Reals, modes: int) -> NoiseEstimate:
     p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
     field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
     return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
-
-
-def _noise_fractions(found: NoiseEstimate, problem: Problem, k: Reals) -> np.ndarray:
-    """Unexplained fraction of the power of modes with wavenumbers k (M,)."""
-    return np.minimum(found.noise_fraction + (k * found.spread) ** 2 / problem.dimension, 0.5)
 
 
 # steps at most of the fit of the metric, and metres at which it ends

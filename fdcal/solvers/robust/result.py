@@ -23,19 +23,7 @@ from ...model.settings import SolverSettings
 from ...model.validation import Reals
 from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, TriedOptimum
 from . import given, noise
-from .objective import (
-    Objective,
-    Unknowns,
-    descend,
-    given_carry_scale,
-    in_unit_power,
-    objective_of,
-    quadratic,
-    speed_is_free,
-    unknowns_of,
-    used_modes,
-    with_unknowns,
-)
+from . import objective as objectives
 from .schedule import begin, refined
 from .spread import Claim, claim_of
 from .state import DIRECTION_UPDATES, FINAL, FREE_STEPS, GIVEN_SIGMA, STAGES, State
@@ -45,31 +33,23 @@ FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel i
 
 def result(problem: Problem, state: State) -> Estimate:
     """Return what the solver has found at `state`."""
-    problem = in_unit_power(problem)
+    problem = objectives.in_unit_power(problem)
     state = replace(state, progress=replace(state.progress, stage=FINAL), shape=state.positions)
-    claim, here, model = claim_of(problem, state), unknowns_of(state), state.model
+    claim, here, model = claim_of(problem, state), objectives.unknowns_of(state), state.model
     (N, D), likely = state.positions.shape, claim.likely
     sigma = np.zeros(here.vector.size)
     sigma[likely.free] = np.sqrt(np.maximum(np.diag(likely.inverse), 0.0))
     each = np.zeros((N, 4))
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
-    stated = state.settings.sound_speed_sigma or 0.0
+    stated, spread = state.settings.sound_speed_sigma or 0.0, np.array([model.gain_sigma, model.phase_sigma])
+    noise_power = claim.objective.field.noise
     return Estimate(
         problem=problem,
         modes=state.modes,
         positions=state.positions,
         converged=state.converged or state.finished,
-        channels=ChannelEstimate(
-            state.gains,
-            each[:, :2],
-            model.filters,
-            each[:, 2:],
-            np.array([model.gain_sigma, model.phase_sigma]),
-            model.channel_noise,
-        ),
-        field=FieldEstimate(
-            model.noise_fraction, model.power[state.modes], claim.objective.field.noise, claim.weakened.terms
-        ),
+        channels=ChannelEstimate(state.gains, each[:, :2], model.filters, each[:, 2:], spread, model.channel_noise),
+        field=FieldEstimate(model.noise_fraction, model.power[state.modes], noise_power, claim.weakened.terms),
         spread=claim.spread,
         given=_given(problem, state, claim, here),
         log_speed=model.log_speed,
@@ -89,15 +69,16 @@ def estimate_at(
     """
     first, last, _ = modes.indices(len(problem.pressures))
     matched = replace(settings, modes=last, gains="fixed", known_sigma=0.0)
-    problem = replace(in_unit_power(problem), arrivals=None, arrival_sigma=None)  # which the solver has not used
+    # The solver has used no arrivals.
+    problem = replace(objectives.in_unit_power(problem), arrivals=None, arrival_sigma=None)
     begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
     state = refined(problem, noise.with_last_field(problem, state))
     state = _with_field(problem, state)
-    if speed_is_free(problem, state):
-        objective = objective_of(problem, state, used_modes(problem, state))
-        state = with_unknowns(state, descend(unknowns_of(state), objective, 60)[0])
+    if objectives.speed_is_free(problem, state):
+        objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
+        state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
     # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
@@ -108,11 +89,12 @@ def _with_field(problem: Problem, state: State) -> State:
 
     In rounds, as the last stage has them: the noise of a faulty channel is that of all until its own is known.
     """
-    used = used_modes(problem, state)
+    used = objectives.used_modes(problem, state)
     for _ in range(FIELD_ROUNDS):
         for _ in range(STAGES[FINAL].max_steps):
-            objective = objective_of(problem, state, used)
-            state = noise.with_power(state, used, objective.field, objective.evaluate(unknowns_of(state)).terms)
+            objective = objectives.objective_of(problem, state, used)
+            terms = objective.evaluate(objectives.unknowns_of(state)).terms
+            state = noise.with_power(state, used, objective.field, terms)
             state = noise.with_directions(problem, state, used, DIRECTION_UPDATES)
         state = noise.with_noise(problem, state, rough=False)
     return state
@@ -124,7 +106,7 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
     return tuple(TriedOptimum(one.positions, one.score, constrained and given.same_given(state, one)) for one in ended)
 
 
-def _given(problem: Problem, state: State, claim: Claim, here: Unknowns) -> GivenEstimate:
+def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknowns) -> GivenEstimate:
     objective, at_objective = claim.objective, claim.evaluated.terms
     sigma = objective.priors.known_sigma or given.EXACT_SIGMA
     every = replace(objective.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
@@ -141,7 +123,7 @@ def _given(problem: Problem, state: State, claim: Claim, here: Unknowns) -> Give
         state.model.known_sigma,
         expected,
         stiffness,
-        given_carry_scale(problem) and state.model.window_positions is None,
+        objectives.given_carry_scale(problem) and state.model.window_positions is None,
         probability,
         given.contradicted(problem, state, (at_objective, claim.weakened.terms)),
     )
@@ -151,7 +133,9 @@ CLEAR = 0.05  # probability of the linear estimate above which no array is sough
 MARGIN = 1.5  # factor on that estimate
 
 
-def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms, excess: float) -> float:
+def _agreement(
+    constrained: objectives.Objective, here: objectives.Unknowns, at_objective: Terms, excess: float
+) -> float:
     """Probability of the disagreement; the array without given positions is sought only where it could be low.
 
     `excess` : variance that is claimed over that of the likelihood, of which S is made of two parts, prior and rest.
@@ -164,12 +148,13 @@ def _agreement(constrained: Objective, here: Unknowns, at_objective: Terms, exce
         return float(chdtrc(freedom, 2 * S))
 
     alone = replace(constrained, priors=constrained.priors.without_given())
-    decreases = (quadratic(here, one, one.with_priors(here, at_objective)).decrease for one in (alone, constrained))
-    prior, rest = constrained.priors.of_known(here.positions)[0], max(0.0, next(decreases) - next(decreases))
+    at_minimum = [objectives.quadratic(here, x, x.with_priors(here, at_objective)) for x in (alone, constrained)]
+    prior = constrained.priors.of_known(here.positions)[0]
+    rest = max(0.0, at_minimum[0].decrease - at_minimum[1].decrease)
     if probability(prior, rest, MARGIN) > CLEAR:
         return probability(prior, rest)
-    there, _ = descend(here, constrained, FREE_STEPS)
-    prior, linear = constrained.priors.of_known(there.positions)[0], quadratic(there, alone).decrease
+    there, _ = objectives.descend(here, constrained, FREE_STEPS)
+    prior, linear = constrained.priors.of_known(there.positions)[0], objectives.quadratic(there, alone).decrease
     if probability(prior, linear, MARGIN) > CLEAR:
         return probability(prior, linear)
-    return probability(prior, descend(there, alone, FREE_STEPS)[1])
+    return probability(prior, objectives.descend(there, alone, FREE_STEPS)[1])
