@@ -41,7 +41,8 @@ COMMANDS = {
         "field array2_random --result result.json --frequencies 220 -o picture.png",
     ],
 }
-EXAMPLES = {"beamforming": "08_beamforming_map.py"}  # pictures that a script of examples/ writes
+# pictures that a script of examples/ writes
+EXAMPLES = {"beamforming": "08_beamforming_map.py", "measured-array": "07_measured_array.py"}
 # Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
 # interruption, and its results stay in RESULTS.
 STUDIES = {

@@ -19,3 +19,4 @@ print(f"RMS distance to the nominal places {1000 * found.rms_error:.1f} mm")
 size, nominal = (np.linalg.norm(x - x.mean(axis=0)) for x in (found.positions, measurement.positions))
 print(f"size {size / nominal:.2f} of the nominal one")
 found.export("array.xml", force=True)  # for Acoular
+found.plot(measurement.positions).savefig("measured-array.png", dpi=110)

@@ -35,7 +35,7 @@ EXPECTED = {
     "07_measured_array": (
         r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm",
         6.0,
-        {"array.xml"},
+        {"array.xml", "measured-array.png"},
     ),
     "08_beamforming_map": (r"after: off the map of the true array by ([\d.]+) %", 10.0, {"beamforming.png"}),
     "09_gains_of_capsules": (r"gain: spread 1\.\d dB, found to ([\d.]+) dB RMS", 0.5, {"gains.csv", "calib.xml"}),

@@ -14,6 +14,7 @@ from ..assessment.calibration import Calibration
 from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
 from ..assessment.words import result_title
 from ..cost.eq7 import reference_cost_of
+from ..model.gauge import align
 from ..model.settings import search_around
 from ..model.validation import InputError, length_text
 from .landscape import figure_bytes
@@ -35,7 +36,8 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     Parameters
     ----------
     truth : (N, D) array_like, optional
-        True positions to draw as well, metres, in the axes of the result.
+        True positions to draw as well, metres, in the axes of the result; without known microphones, which hold these
+        axes, they are laid on the result by a rigid motion, a mirror image allowed.
 
     Returns
     -------
@@ -61,6 +63,8 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
         problem = f"truth has shape {places.shape} and the positions {result.positions.shape}"
         raise InputError(problem, "give one position a microphone", key="truth")
     known = np.isin(result.names, result.known or ())
+    if places is not None and not known.any():
+        places = align(places, result.positions)
     views = ((0, 1),) if D == 2 else ((0, 1), (0, 2))
     figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):

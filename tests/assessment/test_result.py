@@ -370,6 +370,13 @@ def test_the_figure_shows_every_microphone_once(D, panels):
         result(D).plot(FOUR_POSITIONS[:, : 5 - D])
 
 
+def test_true_positions_are_laid_on_an_array_that_nothing_holds():
+    turned = FOUR_POSITIONS @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + [3.0, -1.0, 2.0]
+    for panel, view in zip(result(known=None).plot(turned).axes, ([0, 1], [0, 2]), strict=True):
+        (marks,) = (line for line in panel.lines if line.get_label() == "true")
+        np.testing.assert_allclose(np.column_stack(marks.get_data()), FOUR_POSITIONS[:, view], atol=1e-12)
+
+
 def test_the_html_of_a_notebook_escapes_names():
     """It is well-formed but for the tags that have no end."""
     text = result()._repr_html_()
