@@ -29,13 +29,7 @@ TITLE_PAD = 12.0  # points: a mark at the edge of a map does not reach its title
 
 
 def draw_landscape(
-    self: LandscapePanels,
-    truth=None,
-    *,
-    estimate=None,
-    heading: str = "",
-    log: bool = True,
-    quantity: str = "cost",
+    self: LandscapePanels, truth=None, *, estimate=None, heading: str = "", log: bool = True, quantity: str = "cost"
 ) -> Figure:
     """Return a matplotlib figure of the maps on one scale, diamonds at the lowest costs and the other minima.
 

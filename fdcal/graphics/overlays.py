@@ -67,12 +67,7 @@ def enlargement(half_axis: float, extent: float) -> float:
 
 
 def with_ellipses(
-    picture: Picture,
-    positions,
-    axes,
-    floor: Floor | None = None,
-    scale: float = 1.0,
-    note: str = "",
+    picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
 ) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 

@@ -171,12 +171,7 @@ PREPARED, RUNS = "The scene of this step is being prepared", "The solver is runn
 
 
 def caption_html(
-    progress: LessonProgress,
-    awaited: str = "",
-    waits: str = "",
-    error: str = "",
-    following: str = "",
-    panel: str = "",
+    progress: LessonProgress, awaited: str = "", waits: str = "", error: str = "", following: str = "", panel: str = ""
 ) -> str:
     """Return a step as it stands on the canvas, with its answers as buttons or, once one is chosen, the right one.
 
