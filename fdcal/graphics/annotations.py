@@ -26,17 +26,18 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
     seen |= {part.name for part in picture.meshes if len(part.faces)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     captions, circle = dict(picture.captions), MARKS["microphones/true"]
-    marks = [
-        replace(mark, text=captions.get(name, mark.text)) for name, mark in MARKS.items() if name in seen and mark.text
-    ]
-    changes = dict[str, dict]()
-    if circle.name in seen:  # a known microphone has its square in the circle
-        changes["microphones/known"] = {"size": 0.29, "below": circle}
+    # a known microphone has its square in the circle
+    changes = {"microphones/known": {"size": 0.29, "below": circle}} if circle.name in seen else {}
+    marks = (
+        replace(mark, text=captions.get(name, mark.text), **changes.get(name, {}))
+        for name, mark in MARKS.items()
+        if name in seen and mark.text
+    )
     areas = (  # which have a colour and no mark
         Mark(a.name, a.text, "square", a.colour, size=0.75, line=0.1, filled=True, halo_colour=OUTLINE)
         for a in picture.areas
     )
-    return (*areas, *(replace(mark, **changes.get(mark.name, {})) for mark in marks))
+    return (*areas, *marks)
 
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font

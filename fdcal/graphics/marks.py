@@ -12,6 +12,7 @@ metres, colours RGB from 0 to 255.
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -235,33 +236,33 @@ def symbol(mark: Mark, edge: int) -> Image.Image:
     size = FINER * edge
     image = Image.new("RGBA", (size, size))
     draw = ImageDraw.Draw(image)
-    for one in filter(None, (mark.below, mark)):
-        for colour, width in _layers(one):
-            for i, path in enumerate(one.paths):
-                pixels = [(float(x), float(y)) for x, y in size / 2 * (1 + np.array(path) * [1.0, -1.0])]
-                if one.filled and i == 0:
-                    draw.polygon(pixels, fill=colour)
-                draw.line(pixels, fill=colour, width=max(round(width * size / 2), 1), joint="curve")
+    for path, colour, width, filled in _layers(mark):
+        pixels = [(float(x), float(y)) for x, y in size / 2 * (1 + path)]
+        if filled:
+            draw.polygon(pixels, fill=colour)
+        draw.line(pixels, fill=colour, width=max(round(width * size / 2), 1), joint="curve")
     return image.resize((edge, edge), Image.Resampling.LANCZOS)
 
 
 def symbol_svg(mark: Mark) -> str:
     """Return the symbol of a mark as elements of SVG, in a square of EDGE by EDGE."""
     drawn = ""
-    for one in filter(None, (mark.below, mark)):
-        corners = [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in one.paths]
-        for colour, width in _layers(one):
-            for i, path in enumerate(corners):
-                fill = css(colour) if one.filled and i == 0 else "none"
-                style = f"fill='{fill}' stroke='{css(colour)}' stroke-width='{width * EDGE / 2:.3g}'"
-                drawn += f"<path d='M{'L'.join(f'{x:.3g} {y:.3g}' for x, y in path)}' {style} stroke-linejoin='round'/>"
+    for path, colour, width, filled in _layers(mark):
+        corners = "L".join(f"{x:.3g} {y:.3g}" for x, y in (path + 1) * EDGE / 2)
+        style = (
+            f"fill='{css(colour) if filled else 'none'}' stroke='{css(colour)}' stroke-width='{width * EDGE / 2:.3g}'"
+        )
+        drawn += f"<path d='M{corners}' {style} stroke-linejoin='round'/>"
     return drawn
 
 
-def _layers(mark: Mark) -> list[tuple[Colour, float]]:
-    """Return colour and width of the halo of a symbol, if there is one, and of its lines."""
-    halo = [(mark.halo_colour, mark.line + mark.line_halo)] if mark.line_halo else []
-    return [*halo, (mark.colour, mark.line)]
+def _layers(mark: Mark) -> Iterator[tuple[np.ndarray, Colour, float, bool]]:
+    """Yield the lines of a symbol, its halo first: corners (P, 2), y downwards, colour, width, and whether filled."""
+    for one in filter(None, (mark.below, mark)):
+        halo = [(one.halo_colour, one.line + one.line_halo)] if one.line_halo else []
+        for colour, width in (*halo, (one.colour, one.line)):
+            for i, path in enumerate(one.paths):
+                yield np.array(path) * [1.0, -1.0], colour, width, one.filled and i == 0
 
 
 def css(colour) -> str:

@@ -76,11 +76,8 @@ def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
     return camera_for(picture, size, view, margins(picture, size))
 
 
-def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | None = None) -> np.ndarray:
-    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library.
-
-    `camera`: in place of that of `view`.
-    """
+def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
+    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 
@@ -91,8 +88,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str, camera: Camera | No
     else:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background(fractions(picture.theme.background))
-    hidden = HEIGHT_TICKS if camera is None and view == "top" else None
-    camera = camera or camera_of(picture, size, view)
+    hidden, camera = HEIGHT_TICKS if view == "top" else None, camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
     for mesh in picture.meshes:

@@ -263,51 +263,6 @@ COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
 COARSE_PIXELS = 80  # of a layer, along its longer edge
 
 
-class VolumeMaps:
-    """Computes volumes on the threads of the maps, and keeps the last of each, coarse and fine."""
-
-    def __init__(self, run: PreparedRun):
-        self._run = run
-        # by whether fine: the values, what is drawn of them without the layer, and their basins
-        self._sampled, self._drawn, self._found = ({False: Memo(), True: Memo()} for _ in range(3))
-
-    def map(self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False) -> CostMap | None:
-        """Return the volume on a fine or a coarse lattice, with the layer of the estimate; None once cancelled.
-
-        In place of a coarse one it is the fine one where that is there already.
-        """
-        key, style, position = _key(request), request.style, request.state.positions[request.microphone]
-        pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
-        if not fine:
-            pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
-        sampled: SampledVolume | None = self._sampled[True].get(key)
-        fine = fine or sampled is not None
-
-        def sample() -> SampledVolume | None:
-            terms = terms_of(self._run.problem, request, cancelled, negligible)
-            return None if terms is None else sampled_volume(terms, points, cancelled)
-
-        if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
-            return None
-        z, note = float(position[2]), ""
-        height = z_range_of(self._run.known_scene, self._run.measurement)[0]
-        minima = sampled.minima if style.minima else None
-        if style.basins:
-            basins = self._found[fine](lambda: basins_of(sampled.cost), key)
-            home, name = place_of_basin(self._run, request)
-            floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
-            note = descent_text(basins, sampled.search, home, name)
-        else:
-            shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
-            volume = self._drawn[fine](lambda: volume_of(*shown), key, style.log, style.minima)
-            floor = layer_floor(volume, sampled, z, height, style.log, pixels)
-            fine = fine and pixels == PIXELS
-        found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
-        here = float("nan") if found is None else float(found[0, 0, 0])
-        lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
-        return CostMap(request, floor, None, sampled.minima, here, lowest, fine, volume, note, sampled)
-
-
 def terms_of(
     problem: Problem,
     request: CostMapRequest,
@@ -337,7 +292,8 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        self._volumes = VolumeMaps(run)
+        # of volumes, by whether fine: the values, what is drawn of them without the layer, and their basins
+        self._sampled, self._drawn, self._found = ({False: Memo(), True: Memo()} for _ in range(3))
         self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
         self.worker = threads.map(self._compute)
         self._fine_worker = threads.job(self._compute_fine)
@@ -382,10 +338,48 @@ class CostMapWorker:
         """Whether a map is in progress."""
         return self.worker.busy or self._fine_worker.busy
 
+    def _volume(
+        self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False
+    ) -> CostMap | None:
+        """Return the volume on a fine or a coarse lattice, with the layer of the estimate; None once cancelled.
+
+        In place of a coarse one it is the fine one where that is there already.
+        """
+        key, style, position = _key(request), request.style, request.state.positions[request.microphone]
+        pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
+        if not fine:
+            pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
+        sampled: SampledVolume | None = self._sampled[True].get(key)
+        fine = fine or sampled is not None
+
+        def sample() -> SampledVolume | None:
+            terms = terms_of(self._run.problem, request, cancelled, negligible)
+            return None if terms is None else sampled_volume(terms, points, cancelled)
+
+        if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
+            return None
+        z, note = float(position[2]), ""
+        height = z_range_of(self._run.known_scene, self._run.measurement)[0]
+        minima = sampled.minima if style.minima else None
+        if style.basins:
+            basins = self._found[fine](lambda: basins_of(sampled.cost), key)
+            home, name = place_of_basin(self._run, request)
+            floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
+            note = descent_text(basins, sampled.search, home, name)
+        else:
+            shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
+            volume = self._drawn[fine](lambda: volume_of(*shown), key, style.log, style.minima)
+            floor = layer_floor(volume, sampled, z, height, style.log, pixels)
+            fine = fine and pixels == PIXELS
+        found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
+        here = float("nan") if found is None else float(found[0, 0, 0])
+        lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
+        return CostMap(request, floor, None, sampled.minima, here, lowest, fine, volume, note, sampled)
+
     def _compute(self, request: CostMapRequest) -> CostMap | None:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
         if request.style.volume:
-            return self._volumes.map(request, False)
+            return self._volume(request, False)
         search = self._run.problem.search
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
@@ -416,7 +410,7 @@ class CostMapWorker:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
-            return self._volumes.map(request, True, cancelled)
+            return self._volume(request, True, cancelled)
 
         def compute() -> tuple[ModePanels, Minima] | None:
             panels = fine_panels(self._run, request, cancelled)

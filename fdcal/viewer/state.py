@@ -205,11 +205,6 @@ class PageState:
     choices: Any = None
 
     @property
-    def sigma(self) -> np.ndarray | None:
-        """One standard deviation of each position (N,), metres; None where there is none."""
-        return None if self.uncertainty is None else self.uncertainty.sigma
-
-    @property
     def map_request(self) -> CostMapRequest:
         """The request for the map that the choices ask for."""
         return self.choices.map_request(self.run, self.view, self.microphone)

@@ -1,6 +1,5 @@
 """The power spectrum in the tab Map, and which of its modes are in the map."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,16 +23,9 @@ MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
 HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
 
 
-@dataclass(frozen=True)
-class TakeCurve:
-    """What the plot shows of one take, or of all."""
-
-    rows: np.ndarray  # (K,) int, its modes, counted from 1
-    peaks: np.ndarray  # (K,) float64, their levels, dB
-    # x, curve: (P,) float64, the curve through all peaks, Hz and dB
-    x: np.ndarray
-    curve: np.ndarray
-    at: np.ndarray  # (K,) int, which of its points are the peaks
+# What the plot shows of one take, or of all: its modes, counted from 1, and their levels, dB, (K,) each; the curve through
+# all peaks, Hz and dB, (P,) each; which of its points are the peaks (K,).
+TakeCurve = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class SpectrumPlot:
@@ -50,9 +42,9 @@ class SpectrumPlot:
             of_take = rows[measurement.takes[:modes] == take]
             self._curves[take] = _curve_through_peaks(measurement.of_take(take), of_take)
         what = "at the microphones" if self.has_spectrum else f"of the {row_word(measurement)}s"
-        whole = self._curves[None]
-        edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
-        min_level = min(one.peaks.min() for one in self._curves.values())
+        first, last = self._curves[None][2][[0, -1]].tolist()
+        edge = 0.02 * (last - first) + (0.0 if self.has_spectrum else 1.0)
+        min_level = min(peaks.min() for _, peaks, *_ in self._curves.values())
         lowest = 10 * float(np.floor((min_level - BELOW) / 10))
         fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
         self.handle = gui.add_uplot(
@@ -67,7 +59,7 @@ class SpectrumPlot:
             title=f"Mean power {what}",
             legend={"show": False},
             scales={
-                "x": uplot.Scale(time=False, range=(float(whole.x[0]) - edge, float(whole.x[-1]) + edge)),
+                "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
                 "y": uplot.Scale(range=(lowest, ABOVE)),
             },
             axes=(
@@ -85,17 +77,14 @@ class SpectrumPlot:
         those of all takes. Returns tuple of (P,) float64, frequency (Hz), curve, dots of modes not in the map, dots of
         modes in the map, line of f_max (dB).
         """
-        drawn = self._curves[take]
-        inside = np.isin(drawn.rows, used)
-        columns = [drawn.x, drawn.curve]
-        for chosen in (~inside, inside):
-            columns.append(np.full(len(drawn.x), HIDDEN))
-            columns[-1][drawn.at[chosen]] = drawn.peaks[chosen]
-        columns.append(np.full(len(drawn.x), HIDDEN))
-        if not drawn.x[0] < limit < drawn.x[-1]:
+        rows, peaks, x, curve, tops = self._curves[take]
+        inside, columns = np.isin(rows, used), [x, curve, *np.full((3, len(x)), HIDDEN)]
+        for column, chosen in zip(columns[2:], (~inside, inside), strict=False):
+            column[tops[chosen]] = peaks[chosen]
+        if not x[0] < limit < x[-1]:
             return tuple(columns)
-        at = int(np.searchsorted(drawn.x, limit))
-        height = float(np.interp(limit, drawn.x, drawn.curve)) if self.has_spectrum else HIDDEN
+        at = int(np.searchsorted(x, limit))
+        height = float(np.interp(limit, x, curve)) if self.has_spectrum else HIDDEN
         line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
         return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
 
@@ -106,11 +95,11 @@ def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurv
     if spectrum is None:
         stems = np.repeat(peaks, 3)
         stems[0::3] = stems[2::3] = HIDDEN
-        return TakeCurve(rows, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3))
+        return rows, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3)
     x = np.concatenate([spectrum[0], f])
     order = np.argsort(x, kind="stable")
     at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
-    return TakeCurve(rows, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at)
+    return rows, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at
 
 
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:

@@ -101,8 +101,8 @@ def panels_on_screen(state: PageState, count: int) -> ModePanels | None:
     if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
         return None
     shown = drawn.request
-    same = (shown.state is wanted.state, shown.microphone == wanted.microphone, shown.modes == wanted.modes)
-    if not all(same) or shown.order_offset != wanted.order_offset:
+    names = ("microphone", "modes", "order_offset")
+    if shown.state is not wanted.state or any(getattr(shown, one) != getattr(wanted, one) for one in names):
         return None
     kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
     return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
@@ -169,7 +169,8 @@ def _map(snapshot: PageState) -> bytes:
 
 
 def _table(snapshot: PageState) -> bytes:
-    positions, sigma = snapshot.view.state.positions, snapshot.sigma
+    positions = snapshot.view.state.positions
+    sigma = None if snapshot.uncertainty is None else snapshot.uncertainty.sigma
     return position_table(snapshot.run.measurement, positions, sigma, snapshot.counted).encode()
 
 
