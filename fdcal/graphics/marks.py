@@ -249,9 +249,8 @@ def symbol_svg(mark: Mark) -> str:
     drawn = ""
     for path, colour, width, filled in _layers(mark):
         corners = "L".join(f"{x:.3g} {y:.3g}" for x, y in (path + 1) * EDGE / 2)
-        style = (
-            f"fill='{css(colour) if filled else 'none'}' stroke='{css(colour)}' stroke-width='{width * EDGE / 2:.3g}'"
-        )
+        fill = css(colour) if filled else "none"
+        style = f"fill='{fill}' stroke='{css(colour)}' stroke-width='{width * EDGE / 2:.3g}'"
         drawn += f"<path d='M{corners}' {style} stroke-linejoin='round'/>"
     return drawn
 

@@ -23,8 +23,8 @@ MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
 HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
 
 
-# What the plot shows of one take, or of all: its modes, counted from 1, and their levels, dB, (K,) each; the curve through
-# all peaks, Hz and dB, (P,) each; which of its points are the peaks (K,).
+# What the plot shows of one take, or of all: its modes, counted from 1, and their levels, dB, (K,) each; the curve
+# through all peaks, Hz and dB, (P,) each; which of its points are the peaks (K,).
 TakeCurve = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
