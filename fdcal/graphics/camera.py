@@ -67,9 +67,7 @@ def _corners(picture: Picture, view: str) -> np.ndarray:
     """Corners (P, 3), metres, of the box that a 3-D view shows; close, with the numbers of its rulers."""
     x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
     low, high = picture.z_range
-    room = [
-        part.segments[..., 2].max() for part in picture.lines if part.name.startswith("room") and part.segments.size
-    ]
+    room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
     if view == "3d" and room:  # it stands on a floor at z = 0; the room of a measurement is unknown
         low, high = 0.0, float(max([*room, high]))
     if picture.floor is not None and picture.floor.heights is not None:

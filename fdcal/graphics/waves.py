@@ -70,9 +70,7 @@ def wave_floor(
 
 def contour(field: np.ndarray, level: float, lattice: Search) -> np.ndarray:
     """Return where a field (ny, nx) over a lattice has a value : line segments (S, 2, 2) float32, metres."""
-    x, y = (
-        low + lattice.step * np.arange(count) for low, count in zip(lattice.origin, field.shape[::-1], strict=False)
-    )
+    x, y = (low + lattice.step * np.arange(n) for low, n in zip(lattice.origin, field.shape[::-1], strict=False))
     paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)]
     pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
     return frozen_array(np.concatenate([np.zeros((0, 2, 2)), *pieces]), np.float32)

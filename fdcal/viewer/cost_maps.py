@@ -380,20 +380,16 @@ class CostMapWorker:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
         if request.style.volume:
             return self._volume(request, False)
-        search = self._run.problem.search
+        run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
+        search = run.problem.search
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
         if request.style.shape:
-            state, modes = request.state, request.modes
-            shown = modes if len(modes) <= MAX_WAVES else modes[-1:]
-            names = [(mode, row_label(self._run.measurement, mode)) for mode in shown]
-            height = z_range_of(self._run.known_scene, self._run.measurement)[0]
-            floor = wave_floor(
-                self._run.problem, state.positions, request.microphone, names,
-                state.order_offset, state.channels, height, request.style.minima,
-            )  # fmt: skip
+            state, shown = request.state, modes if len(modes) <= MAX_WAVES else modes[-1:]
+            names = [(mode, row_label(run.measurement, mode)) for mode in shown]
+            own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
+            floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
             return CostMap(request, floor, None, None, 0.0, 0.0)
-        run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         if request.style.basins:
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
 

@@ -82,10 +82,8 @@ class OwnFiles:
         if handle is None or message.source_component_uuid not in (RECORDING, LIST):
             return
         if delivered is None:
-            delivered = Delivered(
-                Path(tempfile.mkdtemp(dir=self._folder.name)), handle.gui.add_html(content("upload"), visible=False)
-            )
-            self._delivered[client] = delivered
+            uploaded = handle.gui.add_html(content("upload"), visible=False)
+            delivered = self._delivered[client] = Delivered(Path(tempfile.mkdtemp(dir=self._folder.name)), uploaded)
         if self._bytes + message.size_bytes > MAX_BYTES or len(delivered.files) == MAX_FILES:
             self._refuse(client, delivered)
             return

@@ -47,10 +47,9 @@ class Panels:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)
-        run_bar = gui.add_folder(None)
+        self.tabs: dict[str, Any] = {RUN_BAR: gui.add_folder(None)}
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
-        self.tabs: dict[str, Any] = {RUN_BAR: run_bar}
         others = {kind.where for kind in tab_kinds()} - {RUN_BAR, *LEFT, *RIGHT}
         self.tabs |= {name: group.add_tab(name) for name in (*RIGHT, *sorted(others))}
         self.tabs |= {name: panel.add_tab(name) for name in LEFT}

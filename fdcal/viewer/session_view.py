@@ -218,13 +218,11 @@ class Viewer:
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
         try:
-            binding = self.binding
+            binding, choices = self.binding, self.binding.choices
             self._picture = SessionPicture(run, binding.frame)
             view = binding.frame.view(run.session.view)
-            picture = self._picture.draw(view, binding.choices, self._selected)
-            self.snapshot = PageState(
-                view, microphone=self._selected, picture=picture, run=run, choices=binding.choices
-            )
+            picture = self._picture.draw(view, choices, self._selected)
+            self.snapshot = PageState(view, microphone=self._selected, picture=picture, run=run, choices=choices)
             # In this order they get their turn.
             self.drop = Drop(binding, folders.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)

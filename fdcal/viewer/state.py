@@ -114,8 +114,8 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     measurement = run.measurement
     free = [n for n in range(measurement.count) if n not in measurement.known]
     offset = ORDER_OFFSET if run.reference_cost is None else run.reference_cost.order_offset
-    choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=run.session.view.state.seed)
-    choices = replace(choices, themed="dark" in run.opening.choices)
+    themed, seed = "dark" in run.opening.choices, run.session.view.state.seed
+    choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=seed, themed=themed)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
         volume = (before.volume or before.basins) and has_volume(measurement)

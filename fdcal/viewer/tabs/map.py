@@ -84,8 +84,6 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
 
 LINEAR, LOG = "Linear", "Logarithmic"
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
-QUANTITIES: tuple[str, ...] = (OBJECTIVE, EQ7)
-SCALES: tuple[str, ...] = (LOG, LINEAR)
 ALL_TAKES = "All takes"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 
@@ -142,7 +140,7 @@ class MapTab(Tab):
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
             self.quantity = binding.dropdown(
-                "Quantity", QUANTITIES, lambda choices: OBJECTIVE if choices.objective else EQ7,
+                "Quantity", (OBJECTIVE, EQ7), lambda choices: OBJECTIVE if choices.objective else EQ7,
                 lambda value: choose(objective=value == OBJECTIVE),
                 visible=lambda choices: of_cost(choices) and not choices.volume,
                 hint="Eq. 7 at one order is the same for all methods",
@@ -154,8 +152,8 @@ class MapTab(Tab):
                 hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
             )  # fmt: skip
             self.scale = binding.dropdown(
-                "Scale", SCALES, lambda choices: LOG if choices.log else LINEAR, lambda value: choose(log=value == LOG),
-                visible=of_kind(FLOOR, RELIEF, VOLUME),
+                "Scale", (LOG, LINEAR), lambda choices: LOG if choices.log else LINEAR,
+                lambda value: choose(log=value == LOG), visible=of_kind(FLOOR, RELIEF, VOLUME),
             )  # fmt: skip
             self.minima = binding.checkbox(
                 "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=mapped,
@@ -213,14 +211,12 @@ class MapTab(Tab):
 
     def show(self, tick: PageState) -> None:
         """Let the microphone and the caption follow what is drawn."""
-        binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
+        binding, run, choices, drawn = self._binding, self._binding.run, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
-        words = drawn and self._caption(
-            lambda: caption(drawn, binding.measurement, orders_text(binding.run, drawn)), drawn
-        )
+        words = drawn and self._caption(lambda: caption(drawn, run.measurement, orders_text(run, drawn)), drawn)
         self.caption.content = html.complaint(choices.modes_error) + (words or html.remark(tick.reason or reason))
 
 
@@ -238,12 +234,9 @@ def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bo
         return None
     n, f, takes = request.microphone, run.measurement.frequencies, run.measurement.takes
     several = run.measurement.take_count > 1 and request.take is None
-    captions = [
-        f"{mode}: {f[mode - 1]:.1f} Hz" + (f", take {takes[mode - 1]}" if several else "") for mode in panels.modes
-    ]
-    captions.append(
-        f"sum of {len(request.modes)}" if len(request.modes) > 1 else f"sum (one {row_word(run.measurement)})"
-    )
+    captions = [f"{m}: {f[m - 1]:.1f} Hz" + (f", take {takes[m - 1]}" if several else "") for m in panels.modes]
+    count = len(request.modes)
+    captions.append(f"sum of {count}" if count > 1 else f"sum (one {row_word(run.measurement)})")
     positions = np.asarray(request.state.positions)
     truth = run.drawn_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])

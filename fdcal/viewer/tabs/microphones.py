@@ -187,9 +187,8 @@ class MicrophonesTab(Tab):
             for word, half in (("nearer", near), ("farther", ~near)):
                 level = float(mean[half].mean())
                 halves.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
-            return chart(
-                x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), halves
-            )
+            labels = "distance from the first known microphone (m)", "mean error over the run (mm)"
+            return chart(x, mean, labels, halves)
         if state.found is None or state.uncertainty is None:
             return ""
         channels = state.uncertainty.channels

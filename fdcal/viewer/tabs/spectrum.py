@@ -171,8 +171,7 @@ def caption(measurement: Measurement, used: tuple[int, ...], limit: float, order
     highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
     name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
     what = "highest" if measurement.take_count > 1 else "highest in the map"
-    lines = [f"{what}: {name}, <b>{hertz}</b>"]
-    lines += [f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]
+    lines = [f"{what}: {name}, <b>{hertz}</b>", f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]
     if order is not None:
         lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {count} microphones"]
     if f > limit:

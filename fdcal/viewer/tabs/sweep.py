@@ -85,7 +85,6 @@ def curve(count: int, minima: tuple[int, ...], summed: int) -> tuple[np.ndarray,
 
 
 UP, DOWN = "Lowest first", "Highest first"
-ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
 NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
 ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
@@ -130,10 +129,10 @@ class SweepTab(Tab):
                 hint=f"The {row} that was added last, in place of the sum",
             )  # fmt: skip
             with binding.gui.add_folder("Order and speed", expand_by_default=False):
-                hint = f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down"
                 self.order = binding.dropdown(
-                    "Order", ORDERS, lambda choices: DOWN if choices.descending else UP, self._choose_order, hint=hint
-                )
+                    "Order", (UP, DOWN), lambda choices: DOWN if choices.descending else UP, self._choose_order,
+                    hint=f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down",
+                )  # fmt: skip
                 # the film's scene begins with the highest
                 highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
