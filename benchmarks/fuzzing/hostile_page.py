@@ -31,6 +31,7 @@ ODD = (
     {"label": "<b>"}, {1: 2}, {"a": {"b": {"c": {"d": {"e": 1}}}}},
 )  # fmt: skip
 POINTER = {"start_screen_pos": [0.1, 0.2], "end_screen_pos": [0.3, 0.4], "button": "left", "modifier": None}
+UPLOAD = {"source_component_uuid": "", "transfer_uuid": ""}
 DRAG = {"start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "instance_index": 4, "name": "/picking/0"}
 
 
@@ -81,6 +82,15 @@ def _base_message(rng: np.random.Generator, uuids: list[str]) -> dict:
         {"type": "ScenePointerMessage", "event_type": "click", "modifier": None, **line},
         {"type": "CommandTriggerMessage", "uuid": uuid},
         {"type": "GuiButtonHoldMessage", "uuid": uuid, "frequency": 10.0},
+        {
+            "type": "FileTransferStartUpload",
+            **UPLOAD,
+            "filename": "a.npz",
+            "mime_type": "",
+            "part_count": 1,
+            "size_bytes": 3,
+        },
+        {"type": "FileTransferPart", **UPLOAD, "part_index": 0, "content": b"raw"},
         {"type": KINDS[int(rng.integers(len(KINDS)))], "uuid": uuid, "name": "/room", "props": {}, "value": 1},
     ]
     return copy.deepcopy(bases[int(rng.integers(len(bases)))])
