@@ -150,9 +150,10 @@ def run() -> list[Figure]:
             write_folder(folder, places, simulated)
         ends = np.flatnonzero((np.abs(places) == np.abs(places).max(axis=0))[:, :2].all(axis=1) & (places[:, 2] == 0))
         corners = ",".join(map(str, ends.tolist()))
+        level = ",".join(map(str, np.flatnonzero(np.abs(places[:, 2]) < 1e-6).tolist()))
         for words, options, limit in (
             ("200 drawn at random, none known", ("--subset", "200"), 10.0),
-            ("the plane z = 0, its corners known", ("--plane", "z=0", "--known", corners), 15.0),
+            ("the plane z = 0, its corners known", ("--subset", level, "--known", corners), 15.0),
         ):
             seconds, megabytes, error = from_folder(folder, options, Path(temporary))
             figures += [

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import shutil
 import sys
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -17,7 +15,7 @@ from ..recordings.recording import ImportOptions
 from . import options as opt
 
 if TYPE_CHECKING:
-    from ..recordings.take import Moment
+    from ..recordings.channels import ChannelHealth
     from ..session.takes import TakesResult
 
 
@@ -128,8 +126,6 @@ def doctor(sources, positions, **recorded):
 
 
 INTERRUPTED = 130  # exit code
-LOWEST_DB, BAR = -60, 12  # level at which a bar begins, and its characters
-REDRAWN = 0.15  # s of sound between two views at least
 
 
 @click.command()
@@ -160,6 +156,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
     The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
     """
+    from tqdm import tqdm
+
     from ..model.storage import TEMPORARY
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
@@ -188,10 +186,14 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
-        with Interrupt(urgent=False) as interrupt, contextlib.closing(LiveView(stream.names)) as view:
+        with Interrupt(urgent=False) as interrupt, opt.progress_bar("recording") as progress:
+            known_faults = dict[int, str]()
 
-            def watch(moment: Moment, view=view, interrupt=interrupt) -> bool:
-                view.show(moment)
+            def watch(done, health, stream=stream, interrupt=interrupt, progress=progress, faults=known_faults) -> bool:
+                progress(min(done / seconds, 1.0))
+                for line in _newly_faulty(done, health, stream.names, faults) if done >= 1 else ():
+                    tqdm.write(line)  # above the bar
+                    sys.stdout.flush()
                 return not interrupt.received
 
             take = record_take(stream, path, seconds, watch, force)
@@ -239,56 +241,19 @@ def _answer(this: str, following: str) -> str:
         return "q"
 
 
-class LiveView:
-    """Levels of all channels on a terminal, redrawn in place, and below each other what is wrong with one.
-
-    The levels stand on standard error, where that is a terminal; what is found goes to standard output.
-    """
-
-    def __init__(self, names: Sequence[str]):
-        self._names, self._terminal = names, sys.stderr.isatty()
-        self._drawn, self._next, self._known = 0, 0.0, dict[int, str]()
-
-    def show(self, moment: Moment) -> None:
-        """Draw the levels, and say what is newly wrong with a channel."""
-        health, names = moment.health, self._names
-        faults = {int(n): health.fault(n, names) for n in health.bad} if moment.seconds >= 1 else {}
-        newly: dict[str, list[str]] = {}
-        for n, fault in faults.items():
-            if self._known.get(n) != fault:
-                newly.setdefault(fault, []).append(names[n])
-        for fault, found in newly.items():
-            who = f"channel {found[0]} is" if len(found) == 1 else f"channels {', '.join(found)} are"
-            self.say(f"after {moment.seconds:.1f} s: {who} {fault}")
-        self._known |= faults
-        if self._terminal and moment.seconds >= self._next:
-            self._next = moment.seconds + REDRAWN
-            self._draw(moment, faults)
-
-    def _draw(self, moment: Moment, faults: dict[int, str]) -> None:
-        wide, cells = max(map(len, self._names)), list[str]()
-        for n, (name, level) in enumerate(zip(self._names, moment.level_db, strict=True)):
-            bar = "#" * round(BAR * min(max(1 - level / LOWEST_DB, 0.0), 1.0))
-            cells.append(f"{name:>{wide}} {bar:{BAR}} {level:4.0f} dB {faults.get(n, ''):14.14}")
-        across = max(1, shutil.get_terminal_size().columns // (len(cells[0]) + 1))
-        down = -(-len(cells) // across)
-        rows = [" ".join(cells[row::down]).rstrip() for row in range(down)] + [f"{moment.seconds:.0f} s"]
-        self.close()
-        sys.stderr.write("\n".join(rows) + "\n")
-        sys.stderr.flush()
-        self._drawn = len(rows)
-
-    def say(self, line: str) -> None:
-        """Print a line above the levels."""
-        self.close()
-        print(line, flush=True)
-
-    def close(self) -> None:
-        """Take the levels away."""
-        if self._drawn:
-            sys.stderr.write(f"\x1b[{self._drawn}A\x1b[J")
-            sys.stderr.flush()
-            self._drawn = 0
+def _newly_faulty(seconds: float, health: ChannelHealth, names: Sequence[str], known: dict[int, str]) -> list[str]:
+    """Return a line for each fault that channels newly have, and note it in `known`, by the number of the channel."""
+    newly: dict[str, list[str]] = {}
+    for n in map(int, health.bad):
+        fault = health.fault(n, names)
+        if known.get(n) != fault:
+            newly.setdefault(fault, []).append(names[n])
+            known[n] = fault
+    lines = []
+    for words, found in newly.items():
+        who = f"channel {found[0]} is" if len(found) == 1 else f"channels {', '.join(found)} are"
+        lines.append(f"after {seconds:.1f} s: {who} {words}")
+    return lines
 
 
 COMMANDS = (import_, export, correct, doctor, record)

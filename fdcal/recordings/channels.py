@@ -12,7 +12,7 @@ import hashlib
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from ..assessment.calibration import ChannelFault
 from ..assessment.words import fault_words
 from ..model.validation import InputError
 from .formats.positions import READERS, read_places
-from .recording import BLOCK_SAMPLES, Recording, number_in, ranges, read_samples, select_channels
+from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_channels
 
 
 @dataclass(frozen=True)
@@ -256,27 +256,6 @@ def _coherence(recording: Recording) -> np.ndarray:
 
 
 PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
-
-
-def select_plane(recording: Recording, plane: str) -> Recording:
-    """Return the recording of the microphones in a plane as "z=0" or, the same, "0", metres, with two coordinates."""
-    axis, _, value = plane.rpartition("=")
-    axis = axis.strip().lower() or "z"
-    positions = recording.positions
-    if positions is None or positions.shape[1] != 3:
-        problem = f"plane = {plane} needs positions in space, which {recording.path} does not contain"
-        raise InputError(problem, "leave out <plane>", key="plane", value=plane)
-    height = number_in(value)
-    if axis not in "xyz" or len(axis) != 1 or not np.isfinite(height):
-        raise InputError(f'plane = "{plane}" is no plane', "write <plane> as z=0.1, metres", key="plane", value=plane)
-    along = positions[:, "xyz".index(axis)]
-    inside = np.flatnonzero(np.abs(along - height) < PLANE_TOLERANCE)
-    if not len(inside):
-        near = along[np.argmin(np.abs(along - height))]
-        problem = f"plane = {plane}: no microphone lies there; the nearest plane is {axis}={near:g}"
-        raise InputError(problem, "give <plane> as that one", key="plane", value=plane)
-    kept = [a for a in range(3) if a != "xyz".index(axis)]
-    return replace(select_channels(recording, inside), positions=positions[inside][:, kept])
 
 
 def select_subset(recording: Recording, text: str, seed: int) -> Recording:

@@ -148,7 +148,7 @@ def measurement_of_takes(
         if one.positions is not None and one.positions.shape[1] > options.dimension:
             if np.ptp(one.positions[:, 2]) > select.PLANE_TOLERANCE:
                 problem = "dimension = 2 needs microphones of one height"
-                raise refused_option(options, "dimension", problem, "choose them with <plane> z=HEIGHT")
+                raise refused_option(options, "dimension", problem, "choose them with <subset> I,J,...")
             takes[n] = replace(one, positions=one.positions[:, :2])
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
@@ -244,8 +244,6 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     left_out = dict.fromkeys(listed, "as asked")
     chosen = []
     for one in recordings:
-        if options.plane is not None:
-            one = select.select_plane(one, options.plane)
         if options.subset is not None:
             one = select.select_subset(one, options.subset, options.seed)
         if listed:  # before the samples are read, since these channels may hold what cannot be read
@@ -280,7 +278,7 @@ def _in_plane(
         return recording, known_positions, None
     if not level:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
-        raise refused_option(options, "array_dimension", problem, "choose them with <plane> z=HEIGHT")
+        raise refused_option(options, "array_dimension", problem, "choose them with <subset> I,J,...")
     if recording.positions is not None:
         recording = replace(recording, positions=recording.positions[:, :2])
     return recording, None if known_positions is None else known_positions[:, :2], float(heights.mean())

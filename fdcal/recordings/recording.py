@@ -280,7 +280,7 @@ class ImportOptions:
     array_dimension : int or None
         2 or 3, coordinates of a microphone; 2 unless given where the heights of all microphones are known and agree,
         or where short windows show that the array is flat.
-    plane, subset, leave_out, known : str or None
+    subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     seed : int
         Of a random `subset`.
@@ -312,7 +312,6 @@ class ImportOptions:
         None,
         "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
     )
-    plane: str | None = option(None, "Use the microphones in a plane only, by the positions in the file.", "z=Z")
     subset: str | None = option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
     seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")

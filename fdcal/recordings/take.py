@@ -26,7 +26,6 @@ WAV_BYTES = 4e9  # that a WAV file can hold
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
 FULL_SCALE = 2.0**31  # of the whole numbers that a sound card delivers
-FLOOR = 1e-6  # relative to full scale: levels are shown as no lower
 REPLAY = "or replay a recording: <replay>"
 
 Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost before them
@@ -41,15 +40,6 @@ class SoundStream:
     names: tuple[str, ...]  # (N,) of the channels
     full_scale: float | None  # greatest value that a sample can take
     blocks: Callable[[], Generator[Block, None, None]]  # opens the stream; closing the iterator closes it
-
-
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """A take while it is recorded."""
-
-    seconds: float  # recorded so far
-    level_db: np.ndarray  # (N,) float64, root mean square of that block over full scale, decibels
-    health: ChannelHealth  # by all samples so far
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,12 +172,13 @@ def record_take(
     stream: SoundStream,
     path: str | Path,
     seconds: float,
-    watch: Callable[[Moment], bool] = lambda moment: True,
+    watch: Callable[[float, ChannelHealth], bool] = lambda seconds, health: True,
     force: bool = False,
 ) -> Take:
     """Record a take of at most so many seconds as a file of 24 bits, or of floats where the stream has no full scale.
 
-    `watch`: called after each block, returns whether to go on. What was recorded is kept, also where the stream fails.
+    `watch`: called after each block with the seconds and the state of the channels so far, returns whether to go on.
+    What was recorded is kept, also where the stream fails.
     """
     path, wanted, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
     check_take(stream, path, seconds)
@@ -206,10 +197,7 @@ def record_take(
                     file.write(block.T)
                     channels.add(block)
                     done, gaps = done + block.shape[1], gaps + lost
-                    level = np.sqrt(np.mean(block**2, axis=1)) / (stream.full_scale or 1.0)
-                    decibels = 20 * np.log10(np.maximum(level, FLOOR))
-                    health = channels.health(stream.full_scale)
-                    stopped = not watch(Moment(done / stream.sample_rate, decibels, health))
+                    stopped = not watch(done / stream.sample_rate, channels.health(stream.full_scale))
                     if stopped or done >= wanted:
                         break
             except KeyboardInterrupt:

@@ -148,13 +148,10 @@ def test_no_take_is_lost_or_overwritten_where_the_next_name_is_taken(folder, tmp
     assert (tmp_path / "take2.wav").read_text() == (tmp_path / "take3.w64").read_text() == "mine"
 
 
-def test_the_levels_are_drawn_in_place_on_a_terminal(folder, tmp_path, monkeypatch, capsys):
+def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    monkeypatch.setenv("COLUMNS", "100")
     exit_code("record", "-o", tmp_path / "a.wav", "--replay", folder / "one.wav", "--seconds", 1, "--channels", 3)
-    drawn = capsys.readouterr().err.split("\x1b[3A\x1b[J")
-    assert len(drawn) == 6 and drawn[-1] == "", "five views, each three lines high, and the last one is taken away"
-    assert drawn[0].count(" dB") == 3 and drawn[3].splitlines()[2] == "1 s"
+    assert "recording 100 % |" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

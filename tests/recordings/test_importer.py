@@ -22,7 +22,7 @@ from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequencies
-from fdcal.recordings.channels import exclude_channels, known_microphones, select_plane, select_subset
+from fdcal.recordings.channels import exclude_channels, known_microphones, select_subset
 from fdcal.recordings.cross_spectra import DecimationSettings, decimate, stationary_pressures
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
@@ -255,9 +255,8 @@ def mesh_recording() -> Recording:
     return recorded(np.random.default_rng(0).standard_normal((18, 100)), positions=MESH)
 
 
-def test_planes_and_subsets_are_taken():
-    plane = select_plane(mesh_recording(), "z=0")
-    assert np.array_equal(plane.positions, MESH[MESH[:, 2] == 0][:, :2])
+def test_subsets_are_taken():
+    plane = select_subset(mesh_recording(), "1,4,7,10,13,16", 0)
     numbers, places = known_microphones(plane, f"{plane.names[3]}, {plane.names[0]}")
     assert numbers.tolist() == [3, 0] and np.array_equal(plane.positions[numbers], places)
     drawn = select_subset(mesh_recording(), "7", 3)
@@ -272,8 +271,6 @@ def test_planes_and_subsets_are_taken():
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda r: select_plane(r, "z=0.4"), "nearest plane is z=0"),
-        (lambda r: select_plane(r, "w=1"), "is no plane"),
         (lambda r: select_subset(r, "19", 0), "cannot be drawn from 18"),
         (lambda r: select_subset(r, "1,18", 0), "0 to 17"),
         (lambda r: select_subset(r, "a", 0), "no number and no list"),
@@ -371,7 +368,7 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
 
 def test_a_plane_of_microphones_in_space(tmp_path):
     np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="impulse", positions=MESH)
-    measurement, _ = import_recording(tmp_path / "a.npz", ImportOptions(plane="z=0", known="1,4,13,16"))
+    measurement, _ = import_recording(tmp_path / "a.npz", ImportOptions(subset="1,4,7,10,13,16", known="1,4,13,16"))
     assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
     assert len(measurement.known) == 4
 

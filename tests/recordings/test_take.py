@@ -92,7 +92,7 @@ def test_a_take_holds_what_the_card_delivered_to_24_bits_and_closes_the_card(car
 
 def test_a_take_that_is_stopped_or_whose_card_fails_keeps_what_was_recorded(card, tmp_path):
     card(noise(seconds=1.0))
-    stopped = take.record_take(take.sound_card(), tmp_path / "a.wav", 30, lambda moment: moment.seconds < 0.65)
+    stopped = take.record_take(take.sound_card(), tmp_path / "a.wav", 30, lambda seconds, _: seconds < 0.65)
     failed = take.record_take(take.sound_card(), tmp_path / "b.wav", 30)
     assert stopped.stopped and not stopped.fault and "stopped early, and kept" in stopped.text
     assert not failed.stopped and "delivers no sound any more" in failed.text
@@ -144,16 +144,15 @@ def test_a_replay_gives_the_file_and_its_channels_are_judged_as_an_import_judges
     sound[1], sound[4] = 0.0, sound[2]
     sound[3] = np.clip(3 * sound[3], -0.2, 0.2)
     soundfile.write(tmp_path / "from.wav", sound.T, RATE, subtype="PCM_24")
-    moments = []
+    states = []
     done = take.record_take(
-        take.replayed(tmp_path / "from.wav"), tmp_path / "take.wav", 30, lambda one: moments.append(one) or True
+        take.replayed(tmp_path / "from.wav"), tmp_path / "take.wav", 30, lambda _, health: states.append(health) or True
     )
     assert (tmp_path / "take.wav").read_bytes()[-100:] == (tmp_path / "from.wav").read_bytes()[-100:]
     imported = inspect_channels(formats.read(tmp_path / "take.wav"))
-    for health in (done.health, moments[10].health):
+    for health in (done.health, states[10]):
         np.testing.assert_array_equal(health.bad, imported.bad)
         assert [health.fault(n, done.names) for n in health.bad] == ["silent", "clipped", "a copy of 2"]
-    np.testing.assert_allclose(moments[3].level_db[0], 20 * np.log10(np.std(sound[0, 600:800])), atol=0.1)
     assert len(take.replayed(tmp_path / "from.wav", 2).names) == 2
 
 
