@@ -100,14 +100,10 @@ def as_columns(p: Numbers, dtype: np.dtype[Any]) -> np.ndarray:
     return p[..., None] if np.issubdtype(dtype, np.complexfloating) else p.view(float).reshape(*p.shape, 2)
 
 
-def joined_columns(parts: np.ndarray) -> np.ndarray:
-    """Return the complex vectors (M, r) of what `as_columns` was multiplied to."""
-    return parts[..., 0] if np.iscomplexobj(parts) else np.ascontiguousarray(parts).view(complex)[..., 0]
-
-
 def applied(A: Numbers, v: Complexes) -> np.ndarray:
     """Return A v of every mode, (M, N) complex128; A (M, N, N) real or complex, v (M, N) complex."""
-    return joined_columns(np.matmul(A, as_columns(v, A.dtype)))
+    parts = np.matmul(A, as_columns(v, A.dtype))
+    return parts[..., 0] if np.iscomplexobj(parts) else np.ascontiguousarray(parts).view(complex)[..., 0]
 
 
 def weighted_curvature(g: np.ndarray, K: np.ndarray) -> np.ndarray:

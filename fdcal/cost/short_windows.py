@@ -165,7 +165,7 @@ class ShortLikelihood:
         K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, derivatives)
         noise_nodes, direct_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, DIRECT_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
-        delays, delay_slopes = _delays(field)
+        delays, delay_slopes, turned_delays = _delays(field)
         h = np.exp(-1j * k[:, None] * delays[take])
         power = np.exp(np.sum(direct_nodes * field.direct[take], axis=1))
         direct = power[:, None, None] * h[:, :, None] * h[:, None].conj()
@@ -192,7 +192,7 @@ class ShortLikelihood:
             slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
             for slope, moved in zip(slopes, delay_slopes, strict=True)
         ]
-        turned = [-1j * k[:, None, None] * (t[take, :, None] - t[take, None]) * direct for t in _turned_delays(field)]
+        turned = [-1j * k[:, None, None] * (t[take, :, None] - t[take, None]) * direct for t in turned_delays]
         whole = [*shapes[:, of_group], noise[:, None, None] * np.eye(N), direct, *turned]
         design = _design(take, len(field.direct), noise_nodes, direct_nodes)
         scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, design)
@@ -301,20 +301,17 @@ def _nodes(k: Reals, count: int) -> np.ndarray:
     return np.maximum(0.0, 1 - np.abs(along[:, None] - np.linspace(0, 1, count)) * (count - 1))
 
 
-def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray]:
-    """t (T, N), metres, and its slopes (3, T, N) by the coordinates of the microphone."""
+def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """t (T, N), metres, its slopes (3, T, N) by the coordinates of the microphone, and three (T, N) by the wave.
+
+    The last are those by the direction, along two tangents, and by the curvature.
+    """
     x, v, q = field.positions, field.directions, field.curvature[:, None]
-    along = v @ x.T
+    along, tangents = v @ x.T, _tangents(v) @ x.T
+    across = np.sum(x**2, axis=1) - along**2
     slopes = -v.T[..., None] + q * (x.T[:, None] - along * v.T[..., None])
-    return -along + q / 2 * (np.sum(x**2, axis=1) - along**2), slopes
-
-
-def _turned_delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Derivatives (T, N) of t by the direction, along two tangents, and by the curvature."""
-    x, q = field.positions, field.curvature[:, None]
-    along, tangents = field.directions @ x.T, _tangents(field.directions) @ x.T
-    first, second = (-tangents[:, one] - q * along * tangents[:, one] for one in range(2))
-    return first, second, (np.sum(x**2, axis=1) - along**2) / 2
+    turned = [-tangents[:, one] - q * along * tangents[:, one] for one in range(2)]
+    return -along + q / 2 * across, slopes, [*turned, across / 2]
 
 
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ states_of_lesson        the runs that a page of the gallery plays
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 import typing
 from collections.abc import Iterable
@@ -181,9 +182,8 @@ def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings,
     solver = solvers.load(settings.name)
     state = begun = solver.init(problem, solvers.with_mode_count(problem, settings), seed)
     shown = []
-    for setting in (
-        one for step in lesson.steps for one in ((step.page, step.then) if step.question else (step.page,))
-    ):
+    parts = [(step.page, step.then) if step.question else (step.page,) for step in lesson.steps]
+    for setting in itertools.chain(*parts):
         state = begun if setting.begins or setting.reset else state
         if setting.modes is not None or setting.automatic is not None:
             modes = range(state.first, state.last + 1)

@@ -210,14 +210,10 @@ class Objective:
 
     def of_rows(self, rows: Integers) -> Objective:
         """Return the objective of some rows of the pressures, without arrivals."""
-        field = self.field
-        field = replace(
-            field,
-            wavenumbers=field.wavenumbers[rows],
-            power=field.power[rows],
-            noise=field.noise[rows],
-            directions=None if field.directions is None else field.directions[rows],
-        )
+        field, directions = self.field, self.field.directions
+        k, power, noise = field.wavenumbers[rows], field.power[rows], field.noise[rows]
+        directions = None if directions is None else directions[rows]
+        field = replace(field, wavenumbers=k, power=power, noise=noise, directions=directions)
         return replace(self, pressures=self.pressures[rows], field=field, arrivals=None, windows=None)
 
     def weakened(self) -> Objective:
@@ -418,16 +414,11 @@ def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndar
 
 def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
     """What is assumed of the modes `used`."""
-    model = state.model
-    return FieldModel(
-        field_wavenumbers(problem, state)[used],
-        model.power[used],
-        model.noise[used],
-        model.channel_noise,
-        problem.dimension,
-        state.shape if model.damped or model.directional else None,
-        model.directions[used] if model.directional and model.directions is not None else None,
-    )
+    model, k = state.model, field_wavenumbers(problem, state)[used]
+    about = state.shape if model.damped or model.directional else None
+    directions = model.directions[used] if model.directional and model.directions is not None else None
+    power, noise = model.power[used], model.noise[used]
+    return FieldModel(k, power, noise, model.channel_noise, problem.dimension, about, directions)
 
 
 def objective_of(problem: Problem, state: State, used: Integers) -> Objective:

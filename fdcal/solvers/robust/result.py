@@ -75,20 +75,7 @@ def estimate_at(
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
     state = refined(problem, noise.with_last_field(problem, state))
-    state = _with_field(problem, state)
-    if objectives.speed_is_free(problem, state):
-        objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
-        state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
-    found = result(problem, replace(state, converged=converged, finished=True))
-    # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
-    return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
-
-
-def _with_field(problem: Problem, state: State) -> State:
-    """Return `state` with the field and all noise learned, the positions as they are.
-
-    In rounds, as the last stage has them: the noise of a faulty channel is that of all until its own is known.
-    """
+    # In rounds, as the last stage has them: the noise of a faulty channel is that of all until its own is known.
     used = objectives.used_modes(problem, state)
     for _ in range(FIELD_ROUNDS):
         for _ in range(STAGES[FINAL].max_steps):
@@ -97,7 +84,12 @@ def _with_field(problem: Problem, state: State) -> State:
             state = noise.with_power(state, used, objective.field, terms)
             state = noise.with_directions(problem, state, used, DIRECTION_UPDATES)
         state = noise.with_noise(problem, state, rough=False)
-    return state
+    if objectives.speed_is_free(problem, state):
+        objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
+        state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
+    found = result(problem, replace(state, converged=converged, finished=True))
+    # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
+    return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
 
 
 def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:

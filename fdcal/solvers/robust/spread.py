@@ -64,35 +64,21 @@ def claim_of(problem: Problem, state: State) -> Claim:
     """Return what the solver claims at `state`, in its last stage."""
     objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
     evaluated = objective.evaluate(here)
-    weakened = _weakened(objective, here, evaluated)
-    likely = quadratic(here, objective, weakened)
-    spread = _spread(problem, state, objective, evaluated, likely)
-    own = float(np.trace(quadratic(here, objective, evaluated).covariance))
-    excess = max(1.0, float(np.trace(spread.covariance)) / max(own, 1e-300))
-    return Claim(objective, evaluated, weakened, likely, spread, excess)
-
-
-def _weakened(objective: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluation:
-    """The objective with a field of more power; as it is where C is then singular."""
     try:
-        return objective.weakened().evaluate(here)
-    except np.linalg.LinAlgError:
-        return evaluated
-
-
-def _spread(
-    problem: Problem, state: State, objective: Objective, evaluated: Evaluation, likely: Quadratic
-) -> PositionSpread:
-    """The covariance by the model, in the gauge of the problem, and how far the blocks of the data disagree with it."""
-    here, gauge = likely.unknowns, _gauge(problem, state.positions)
+        weakened = objective.weakened().evaluate(here)
+    except np.linalg.LinAlgError:  # C is singular with a field of more power
+        weakened = evaluated
+    own, likely = quadratic(here, objective, evaluated), quadratic(here, objective, weakened)
+    gauge = _gauge(problem, state.positions)
     newton = gauge @ likely.covariance @ gauge.T
     counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
     data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    own = quadratic(here, objective, evaluated)
-    return PositionSpread(newton, data, dispersion, own.step, own.sigma)
+    spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)
+    excess = max(1.0, float(np.trace(spread.covariance)) / max(float(np.trace(own.covariance)), 1e-300))
+    return Claim(objective, evaluated, weakened, likely, spread, excess)
 
 
 def _of_data(

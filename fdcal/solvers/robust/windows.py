@@ -118,8 +118,7 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools)
     if (coherent := _coherent(likelihood, D)) is not None:
         starts = [(coherent, STAGES), *starts]
     try:
-        field, free, likelihood, axes = fitted(likelihood, starts)
-        covariance = MODEL_EXCESS * position_covariance(field, free, likelihood, axes)
+        field, axes, covariance = fitted(likelihood, starts)
     except np.linalg.LinAlgError:
         return None
     if D == 2:
@@ -161,8 +160,8 @@ def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
 
 def fitted(
     likelihood: ShortLikelihood, starts: list[tuple[Reals, tuple[float, ...]]]
-) -> tuple[ShortField, Bools, ShortLikelihood, Integers]:
-    """Return the likeliest field, which parameters were free, the likelihood with its dispersion, and the axes.
+) -> tuple[ShortField, Integers, np.ndarray]:
+    """Return the likeliest field, the axes, and the covariance (N D, N D), metres^2, without rigid motions.
 
     starts : positions (N, D), metres, each with the greatest wavenumbers of its first stages, rad/m;
     axes : (D,) int64, which of the three coordinates the positions of the field have
@@ -189,7 +188,12 @@ def fitted(
     for _ in range(ROUNDS):
         likelihood = replace(likelihood, dispersion=_dispersion(likelihood, field, free))
         field, _ = _minimised(likelihood, field, free, LAST_STEPS, LAST_DECREASE)
-    return field, free, likelihood, axes
+    index = np.flatnonzero(free)
+    at = np.searchsorted(index, (5 * np.arange(N)[:, None] + axes).ravel())
+    inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
+    motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
+    fixed = np.eye(len(at)) - motions @ motions.T
+    return field, axes, MODEL_EXCESS * (fixed @ inverse[np.ix_(at, at)] @ fixed)
 
 
 def _minimised(
@@ -204,7 +208,7 @@ def _minimised(
             field,
             NewtonTerms(here.cost, here.gradient[index], here.fisher[np.ix_(index, index)]),
             lambda tried: likelihood.terms(tried, False).cost,
-            lambda y, field=field: advanced(field, _embedded(y, free)),
+            lambda y, field=field: advanced(field, np.asarray(np.bincount(index, y, len(free)), float)),
             lambda tried, field=field: float(np.abs(tried.positions - field.positions).max()),
             damping,
             max_step,
@@ -232,8 +236,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     if start is None or len(start) < MIN_MICROPHONES:
         return False
     try:
-        field, free, likelihood, axes = fitted(likelihood, [(start, STAGES)])
-        covariance = MODEL_EXCESS * position_covariance(field, free, likelihood, axes)
+        field, _, covariance = fitted(likelihood, [(start, STAGES)])
     except np.linalg.LinAlgError:
         return False
     x: Reals = field.positions - np.mean(field.positions, axis=0)
@@ -248,12 +251,6 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
 
 
-def _embedded(step: Reals, free: Bools) -> np.ndarray:
-    whole = np.zeros(len(free))
-    whole[free] = step
-    return whole
-
-
 def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> float:
     """lambda of the module, at least 1."""
     here, index = replace(likelihood, dispersion=1.0).terms(field), np.flatnonzero(free)
@@ -262,13 +259,3 @@ def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> 
     kept = values > ZERO * values[-1]
     ratios: Reals = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]
     return max(1.0, float(ratios.mean()))
-
-
-def position_covariance(field: ShortField, free: Bools, likelihood: ShortLikelihood, axes: Integers) -> np.ndarray:
-    """Covariance of the positions without rigid motions : (N D, N D) float64, metres^2."""
-    N, index = len(field.positions), np.flatnonzero(free)
-    at = np.searchsorted(index, (5 * np.arange(N)[:, None] + axes).ravel())
-    inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
-    motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
-    fixed = np.eye(len(at)) - motions @ motions.T
-    return fixed @ inverse[np.ix_(at, at)] @ fixed
