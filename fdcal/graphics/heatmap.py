@@ -98,23 +98,22 @@ def cost_floor(
     if log and low > 0:
         low, high = 10 * float(np.log10(low)), 10 * float(np.log10(high))
         label = re.sub(r"\((dimensionless|pressure squared)\)", "(dB)", label)
-    half = search.step / 2
-    size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
     heights = None
     if relief:
         fractions = normalise(cost, *colour_limits(cost, log, WHOLE), log)
-        heights = frozen_array(relief_height * max(size) * fractions, np.float32)
+        heights = frozen_array(relief_height * (max(cost.shape) * search.step) * fractions, np.float32)
         rgb = shaded(rgb, heights, search.step)
-    return Floor(
-        rgb=frozen_array(rgb, np.uint8),
-        origin=(search.origin[0] - half, search.origin[1] - half),
-        size=size,
-        bar=ColourBar(low, high, label),
-        lowest=lowest,
-        height=height,
-        minima=others,
-        heights=heights,
-    )
+    bar = ColourBar(low, high, label)
+    return lattice_floor(rgb, search, cost.shape, bar, lowest, height, minima=others, heights=heights)
+
+
+def lattice_floor(
+    rgb: np.ndarray, search: Search, shape: tuple[int, ...], bar: ColourBar | None, lowest, height: float, **more
+) -> Floor:
+    """Return a map over the cells of a lattice of (ny, nx) nodes, each in the middle of its cell."""
+    (ny, nx), step = shape, search.step
+    origin = (search.origin[0] - step / 2, search.origin[1] - step / 2)
+    return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
 
 def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
@@ -207,18 +206,8 @@ def basin_floor(
 ) -> Floor:
     """Return the map of basins of attraction, the first colour for that of `place` (2,), metres, if it is given."""
     numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
-    half, (ny, nx) = search.step / 2, basins.labels.shape
     lowest, others = marks_of(minima)
-    return Floor(
-        rgb=frozen_array(TABLE[numbers], np.uint8),
-        origin=(search.origin[0] - half, search.origin[1] - half),
-        size=(nx * search.step, ny * search.step),
-        bar=None,
-        lowest=lowest,
-        height=height,
-        minima=others,
-        areas=areas,
-    )
+    return lattice_floor(TABLE[numbers], search, basins.labels.shape, None, lowest, height, minima=others, areas=areas)
 
 
 def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:

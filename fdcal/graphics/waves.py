@@ -13,7 +13,7 @@ from ..cost.maps import minima_of, mode_shape, refined
 from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search
 from ..model.validation import InputError, frozen_array
-from .heatmap import to_rgb
+from .heatmap import lattice_floor, to_rgb
 from .primitives import DIVERGING_COLOUR_MAP, ColourBar, Curve, Floor
 
 POINTS = 300  # of the map, along its longer edge
@@ -47,7 +47,6 @@ def wave_floor(
     )
     bar = ColourBar(-1.0, 1.0, f"pressure of {waves[-1][1]} (normalised to a peak of 1)", DIVERGING_COLOUR_MAP)
     rgb = to_rgb((1 + np.clip(fields[-1], -1, 1)) / 2, DIVERGING_COLOUR_MAP)
-    half, (ny, nx) = lattice.step / 2, fields[-1].shape
     curves, crossings = [], np.zeros((0, 2))
     if marked:
         for field, level, (_, name) in zip(fields, levels, waves, strict=True):
@@ -55,17 +54,10 @@ def wave_floor(
         if len(waves) > 1:
             misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
             crossings = minima_of(misfit.sum(axis=0), lattice).lowest
-    return Floor(
-        rgb=frozen_array(rgb, np.uint8),
-        origin=(lattice.origin[0] - half, lattice.origin[1] - half),
-        size=(nx * lattice.step, ny * lattice.step),
-        bar=bar,
-        lowest=tuple((float(x), float(y)) for x, y in crossings),
-        height=height,
-        show_minima=len(crossings) > 0,
-        curves=tuple(curves),
-        captions=(("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else (),
-    )
+    lowest = tuple((float(x), float(y)) for x, y in crossings)
+    captions = (("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
+    more = {"show_minima": bool(lowest), "curves": tuple(curves), "captions": captions}
+    return lattice_floor(rgb, lattice, fields[-1].shape, bar, lowest, height, **more)
 
 
 def contour(field: np.ndarray, level: float, lattice: Search) -> np.ndarray:
