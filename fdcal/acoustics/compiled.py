@@ -24,11 +24,8 @@ def _compiler() -> Callable[..., Any]:
     import numba
     from numba.core import config
 
-    if (
-        "FDCAL_CACHE" in os.environ
-        and not getattr(config, "CACHE_DIR", "")
-        and not os.access(Path(__file__).parent, os.W_OK)
-    ):
+    elsewhere = getattr(config, "CACHE_DIR", "") or os.access(Path(__file__).parent, os.W_OK)
+    if "FDCAL_CACHE" in os.environ and not elsewhere:
         config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")  # pyright: ignore[reportAttributeAccessIssue]
     return numba.njit
 

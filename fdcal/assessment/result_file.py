@@ -156,9 +156,8 @@ def result_text(self: Calibration) -> str:
         values["symmetries"] = [Symmetry(name, places.tolist()) for name, places in room.symmetries]
     if channels is not None:
         values["odd_channels"] = [fault.name for fault in channels.faults]
-        values["given"] = [
-            GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given
-        ] or None
+        rows = [GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given]
+        values["given"] = rows or None
     table = msgspec.to_builtins(ResultTable(**values), enc_hook=lambda array: array.tolist())
     kept = {key: value for key, value in table.items() if value is not None or key in REQUIRED}
     text = json.dumps(kept, indent=1) + "\n"

@@ -208,9 +208,8 @@ class PlanRequest:
             extent, sides = np.sort(extent), np.sort(sides)[1:]
         if np.any(extent > sides - 2 * WALL_DISTANCE_M):
             array, size = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, room or ()))
-            problem = (
-                f"the array, {array} m, does not fit into the room, {size} m, {WALL_DISTANCE_M:g} m from its walls"
-            )
+            problem = f"the array, {array} m, does not fit into the room, {size} m,"
+            problem += f" {WALL_DISTANCE_M:g} m from its walls"
             raise InputError(problem, "give a smaller array or a larger <room>, both in metres", key="room", value=room)
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
@@ -500,9 +499,8 @@ def plan_lines(plan: Plan) -> list[str]:
     inside = request.room is None or request.is_plane_in_room
     if not inside and not np.array_equal(places_in_room(request), request.layout.positions):
         centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
-        lines.append(
-            f"the layout does not lie inside the room: the array is moved as a whole, its centre to ({centre}) m"
-        )
+        moved = f"the array is moved as a whole, its centre to ({centre}) m"
+        lines.append(f"the layout does not lie inside the room: {moved}")
     wanted = len(request.band_frequencies)
     of = f" in each take, as many of {wanted} as an import takes by default," if count < wanted else ""
     top = high if request.band is None else request.band[1]

@@ -107,15 +107,14 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
     if parameters == before:
         return scene
     array = _array(scene.array, parameters, before)
+    snr_db, error = parameters.snr_db, parameters.sound_speed_error
     changed = replace(
         scene,
         title=_title(scene, parameters, before, array.number),
         room=replace(scene.room, walls=parameters.walls, admittance=_admittance(parameters, before, scene)),
         array=array,
         search=_search(scene, parameters.radius / before.radius),
-        measurement=replace(
-            scene.measurement, snr_db=parameters.snr_db, sound_speed_error=parameters.sound_speed_error
-        ),
+        measurement=replace(scene.measurement, snr_db=snr_db, sound_speed_error=error),
         seed=parameters.seed,
     )  # fmt: skip
     count, known, lowest = array.number, parameters.known, min_known(changed)

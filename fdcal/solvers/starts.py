@@ -238,9 +238,8 @@ def coherence_start(
     count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
     some = np.unique(np.linspace(0, len(k) - 1, count).astype(int))
     fractions = NOISE_FRACTIONS if noise is None else (noise,)
-    distance, _ = min(
-        (pair_distances(pressures[some], k[some], one, dimension) for one in fractions), key=lambda d: d[1]
-    )
+    found = [pair_distances(pressures[some], k[some], one, dimension) for one in fractions]
+    distance, _ = min(found, key=lambda one: one[1])
     x = _unfolded(distance, min(NEIGHBOURS, N - 1), axes)
     between = distance + np.eye(N)
     for reach in REACH:

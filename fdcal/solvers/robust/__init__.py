@@ -81,9 +81,8 @@ def step(problem: Problem, state: State) -> State:
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
     directional, healthy = state.model.directional, noise.healthy(state.model)
-    within_sigmas = (
-        directional and problem.dimension == 3 and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
-    )
+    learning_in_space = directional and problem.dimension == 3
+    within_sigmas = learning_in_space and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
     ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
     if trial.terms is not None:
         moved = noise.with_power(moved, used, objective.field, trial.terms)

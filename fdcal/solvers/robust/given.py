@@ -54,7 +54,10 @@ def resolved(problem: Problem, state: State) -> State:
     except np.linalg.LinAlgError:
         return state
     best = likely(problem, state, found)[0]
-    assumed = _assumed(problem, state, found, best)
+    moved = objectives.with_unknowns(state, replace(found.unknowns, positions=best.positions))
+    places, wrong = frozen_array(problem.known_positions[best.order], float), frozen_array(~best.right, bool)
+    model = replace(moved.model, places=places, contradicted=wrong, known_sigma=best.sigma)
+    assumed = replace(moved, shape=moved.positions, model=model)
     mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0  # the same positions count in both
     as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
     return state if as_before else assumed
@@ -138,18 +141,6 @@ def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     left = r - G @ np.linalg.solve(G.T @ weighed[:, 1:], G.T @ weighed[:, 0])
     freedom = len(index) - G.shape[1]
     return freedom <= 0 or bool(chdtrc(freedom, left @ np.linalg.solve(S, left)) > AGREE)
-
-
-def _assumed(problem: Problem, state: State, found: FreeArray, best: Hypothesis) -> State:
-    """`state` under a hypothesis."""
-    moved = objectives.with_unknowns(state, replace(found.unknowns, positions=best.positions))
-    model = replace(
-        moved.model,
-        places=frozen_array(problem.known_positions[best.order], float),
-        contradicted=frozen_array(~best.right, bool),
-        known_sigma=best.sigma,
-    )
-    return replace(moved, shape=moved.positions, model=model)
 
 
 def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
@@ -303,20 +294,16 @@ def _placed(
     pull = vectors @ (inverse[best] * (r - G @ t[best]))
     moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
-    evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
-    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target
+    # Log density of the wrong positions, so far from where they should be.
+    away, D, sigma = b[~right] - moved[known[~right]], x.shape[1], float(sigmas[best])
+    distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
+    sphere = 2 * np.pi if D == 2 else 4 * np.pi
+    evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
+    return float(evidence), sigma, (moved - centre) @ turn + target
 
 
 # greatest distance of a wrong position over the least one; with 10 the error of one grows from 5 to 12 mm
 DECADES = 1e3
-
-
-def _of_wrong(away: Reals, sigma: float) -> float:
-    """Log density of wrong positions at `away` (W, D), metres, from where they should be."""
-    D = away.shape[1]
-    distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
-    sphere = 2 * np.pi if D == 2 else 4 * np.pi
-    return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
 
 
 # spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest
@@ -329,8 +316,7 @@ def sigma_grid(stated: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return sigmas of a given coordinate, metres, and the logarithm of their prior probabilities."""
     middle = GIVEN_SIGMA if stated is None else stated
     max_sigma = MAX_SIGMA if stated is None else stated
-    sigmas = np.append(
-        np.geomspace(middle / 4, middle, 4), np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else []
-    )
+    above = np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else np.zeros(0)
+    sigmas = np.append(np.geomspace(middle / 4, middle, 4), above)
     logs = -((np.log(sigmas / middle) / SIGMA_SPREAD) ** 2) / 2
     return sigmas, logs

@@ -174,9 +174,8 @@ def fitted(
         field, cost = first_field(positions, T), np.inf
         for top in stages:
             kept = k <= max(top, lowest)
-            part = replace(
-                likelihood, wavenumbers=k[kept], takes=likelihood.takes[kept], pressures=likelihood.pressures[kept]
-            )
+            takes, pressures = likelihood.takes[kept], likelihood.pressures[kept]
+            part = replace(likelihood, wavenumbers=k[kept], takes=takes, pressures=pressures)
             field, _ = _minimised(part, field, alone)
             field, cost = _minimised(part, with_direct(part, field), direct)
         ended.append((field, cost))
