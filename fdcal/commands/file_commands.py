@@ -243,16 +243,12 @@ def _answer(this: str, following: str) -> str:
 
 def _newly_faulty(seconds: float, health: ChannelHealth, names: Sequence[str], known: dict[int, str]) -> list[str]:
     """Return a line for each fault that channels newly have, and note it in `known`, by the number of the channel."""
-    newly: dict[str, list[str]] = {}
+    lines = []
     for n in map(int, health.bad):
         fault = health.fault(n, names)
         if known.get(n) != fault:
-            newly.setdefault(fault, []).append(names[n])
             known[n] = fault
-    lines = []
-    for words, found in newly.items():
-        who = f"channel {found[0]} is" if len(found) == 1 else f"channels {', '.join(found)} are"
-        lines.append(f"after {seconds:.1f} s: {who} {words}")
+            lines.append(f"after {seconds:.1f} s: channel {names[n]} is {fault}")
     return lines
 
 

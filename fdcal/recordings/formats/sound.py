@@ -21,16 +21,10 @@ LENGTH = re.compile(r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff)\s*:\s*(\d+)\
 LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # of RF64
 # Bytes of sound by which a program says that it did not know them: sox, ALSA, ffmpeg, 64-bit formats.
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
-READ_ON = "the length in its header is not that of the file, which is read to its end"
 LONGEST = 2**36 - 1  # samples of a FLAC file
 CONVERT = "copy it again, or convert it: ffmpeg -i FILE NEW.wav"
 
 log = logging.getLogger(__name__)
-
-
-def _cut_off(announced: int, there: int, before: int) -> bool:
-    """Return whether bytes of sound are missing; `before`: bytes before the sound, which the number may count."""
-    return before < announced - there and not any(announced in unknown for unknown in UNKNOWN)
 
 
 def _name(path: Path) -> Any:
@@ -56,11 +50,11 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
         raise InputError(f"the length of {path} is unknown", CONVERT)
     size = path.stat().st_size
     announced, there = (int(note[1]), int(note[2])) if note else (int(note_64[1]) if note_64 else 0, size)
-    if _cut_off(announced, there, size - there):
+    if announced > size and not any(announced in unknown for unknown in UNKNOWN):  # it may count the header
         problem = f"{path} is truncated: its header announces {announced} bytes of sound, {there} are there"
         raise InputError(problem, "copy it again")
     if note:
-        log.warning("%s: %s", path, READ_ON)
+        log.warning("%s: the length in its header is not that of the file, which is read to its end", path)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         dtype = "float32" if whole else "float64"
