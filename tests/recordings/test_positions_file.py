@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -113,6 +114,7 @@ TABLES = {
     "column of units": "name,x,y,z,unit\n1,250,500,1000,mm\n2,750,-125,-1500,mm\n",
     "unit in a comment": "% all in mm\n1 250 500 1000\n2 750 -125 -1500\n",
     "unit by size": "name,x,y,z\n1,250,500,1000\n2,750,-125,-1500\n",
+    "LOCATA": "second\tx\tmic1_x\tmic1_y\tmic1_z\tmic2_x\tmic2_y\tmic2_z\n0\t9\t0.25\t0.5\t1\t0.75\t-0.125\t-1.5\n",
     "list.json": "[[0.25, 0.5, 1], [0.75, -0.125, -1.5], [0, 0, 0], [0, 0, 0]]",
     "object.json": '{"1": [0.25, 0.5, 1], "2": {"x": 0.75, "y": -0.125, "z": -1.5}}',
     "columns.json": '{"x": {"0": 0.25, "1": 0.75}, "y": {"0": 0.5, "1": -0.125}, "z": {"0": 1, "1": -1.5}}',
@@ -160,11 +162,33 @@ def test_spherical_coordinates_are_read(tmp_path, head, scale):
     np.testing.assert_allclose(places, [[0, 0.75**0.5, 0.5], [-(2**0.5), 0, -(2**0.5)]], atol=1e-12)
 
 
-def test_arrays_are_read(tmp_path):
+def test_arrays_and_sheets_are_read(tmp_path):
     places = [*PLACES, [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
     for array in (np.array(places), np.array(places).T):
         np.save(tmp_path / "a.npy", array)
         np.testing.assert_array_equal(read_places(tmp_path / "a.npy")[1], places)
+    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+    cells = [["s0", "s1", "s2", "s3"], ["1", "250", "500", "1000"], ["2", "750", "-125", "-1500"]]
+    rows = "".join(
+        f"<row>{''.join(_cell(f'{letter}{n}', text) for letter, text in zip('BCDE', row, strict=True))}</row>"
+        for n, row in enumerate(cells, 3)
+    )
+    with zipfile.ZipFile(tmp_path / "t.xlsx", "w") as file:
+        shared = "".join(f"<si><t>{text}</t></si>" for text in ("Mic", "X (mm)", "Y (mm)", "Z (mm)"))
+        file.writestr("xl/sharedStrings.xml", f"<sst {main}>{shared}</sst>")
+        file.writestr("xl/worksheets/sheet1.xml", f"<worksheet {main}><sheetData>{rows}</sheetData></worksheet>")
+        file.writestr("xl/worksheets/sheet2.xml", f"<worksheet {main}><sheetData/></worksheet>")
+    names, found = read_places(tmp_path / "t.xlsx")
+    assert names == ["1", "2"]
+    np.testing.assert_array_equal(found, PLACES)
+    with zipfile.ZipFile(tmp_path / "t.xlsx", "a") as file:
+        file.writestr("xl/worksheets/sheet3.xml", f"<worksheet {main}><sheetData>{rows}</sheetData></worksheet>")
+    with pytest.raises(fdcal.InputError, match="2 sheets with cells; keep the one"):
+        read_places(tmp_path / "t.xlsx")
+
+
+def _cell(where: str, text: str) -> str:
+    return f'<c r="{where}"{" t=" + chr(34) + "s" + chr(34) if text[0] == "s" else ""}><v>{text.lstrip("s")}</v></c>'
 
 
 @pytest.mark.parametrize(
@@ -182,13 +206,15 @@ def test_arrays_are_read(tmp_path):
         ("t.csv", "name;x;y\na;1,234.5;2\nb;1.5;2\n", 'line 2: x = "1,234.5" is no number'),
         ("t.csv", "mic,azimuth,elevation,r\na,1,0,1\n", "may be degrees or radians; write"),
         ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
-        ("t.csv", "mic,x left,x right,y\na,1,0,1\n", 'more than one column of "mic,x left,x right,y" is x'),
+        ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
+        ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "more than one column is called x"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "not clear which axis"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
         ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "no array that can be read"),
+        ("t.xlsx", "abc", "no sheet of Excel"),
         ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "no positions in one place"),
     ],
 )

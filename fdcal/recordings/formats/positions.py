@@ -1,6 +1,6 @@
 """Positions of microphones in files: what columns mean, and files of other programs, read and written.
 
-Read: tables in text form, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. What
+Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. What
 can mean only one thing is read; what is ambiguous raises an InputError that says what to write. No column of numbers is
 dropped silently.
 
@@ -17,6 +17,7 @@ import json
 import logging
 import re
 import xml.etree.ElementTree as tree
+import zipfile
 from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
@@ -33,6 +34,7 @@ from .sofa import placed_receivers
 MAX_BYTES = 10_000_000  # of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
 LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
+STILL_M = 1e-3  # an array that moves less stands still
 ANGLES = ("azimuth", "elevation", "polar")
 # Words of a header, and what the column holds; the first meaning counts.
 MEANINGS = {
@@ -150,6 +152,30 @@ def _read_table(content: bytes) -> Places:
     if separator:
         rows.pop(1)
     return _of_sheet(rows)
+
+
+def _read_sheet(content: bytes) -> Places:
+    """Return the positions in the only sheet with cells of an Excel file."""
+    main, sheets = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}", list[Rows]()
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        names = [one for one in file.namelist() if re.fullmatch(r"xl/(worksheets/[^/]+|sharedStrings)\.xml", one)]
+        if sum(file.getinfo(name).file_size for name in names) > 10 * MAX_BYTES:
+            raise _question("it unfolds to too many bytes", "save the table as .csv")
+        parts = {name: tree.fromstring(file.read(name)) for name in names}
+    shared = ["".join(one.itertext()) for one in parts.pop("xl/sharedStrings.xml", [])]
+    for part in parts.values():
+        rows: Rows = {}
+        for cell in part.iter(f"{main}c"):
+            letters, line = re.fullmatch(r"([A-Z]+)(\d+)", cell.get("r", "")).groups()  # type: ignore
+            text = "".join(cell.itertext()) if cell.get("t") == "inlineStr" else cell.findtext(f"{main}v", "")
+            text = shared[int(text)] if cell.get("t") == "s" else text
+            if len(letters) == 1 and text.strip():  # columns up to Z
+                row = rows.setdefault(int(line), [])
+                row += [""] * (ord(letters) - ord("A") - len(row)) + [text.strip()]
+        sheets += [rows] if rows else []
+    if len(sheets) != 1:
+        raise _question(f"it has {len(sheets)} sheets with cells", "keep the one with the positions")
+    return _of_sheet(sheets[0])
 
 
 def _read_xml(content: bytes) -> Places:
@@ -322,6 +348,8 @@ def _of_rows(
     `where`: what a row is; `unit`: how many make a metre where the header does not say it; `unique`: whether a name
     that occurs twice is refused; otherwise the microphones are numbered.
     """
+    if [meaning(cell)[0] for cell in head].count("x") > 1:
+        head, rows = _one_row_each(head, rows)
     kinds, units = zip(*map(meaning, head), strict=True)
     axes = ["x", "y", "z"] if "z" in kinds else ["x", "y"]
     if "x" not in kinds and "azimuth" in kinds:
@@ -401,9 +429,34 @@ def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
     return np.column_stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)])
 
 
+def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
+    """Return a row for each microphone, of columns mic1_x, mic1_y, ... and a row for each time, as LOCATA has them."""
+    groups: dict[str, dict[str, int]] = {}
+    for column, cell in enumerate(head):
+        if match := re.fullmatch(r"(.*\d)[\W_]*([xyz])", cell, re.IGNORECASE):
+            groups.setdefault(match[1], {})[match[2].lower()] = column
+    groups = {name: axes for name, axes in groups.items() if len(axes) > 1}
+    try:
+        table = np.array(
+            [[[float(row[c]) for c in axes.values()] for axes in groups.values()] for row in rows.values()]
+        )
+    except (ValueError, IndexError):
+        groups = {}
+    if not groups:
+        problem = "more than one column is called x, and they are not those of microphones with numbers"
+        raise _question(problem, "give one line per microphone below name,x,y,z")
+    if np.ptp(table, axis=0).max() > STILL_M:
+        problem = "its microphones have positions that change from line to line"
+        raise _question(problem, "keep one line, or write one line per microphone below name,x,y,z")
+    first = next(iter(rows.values()))
+    found = [[name, *(first[c] for c in axes.values())] for name, axes in groups.items()]
+    return ["name", *next(iter(groups.values()))], dict(enumerate(found))
+
+
 # By the suffix of a file: its reader, and what a file is that the reader cannot parse.
 READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a table in text form")),
+    ".xlsx": (_read_sheet, "no sheet of Excel that can be read"),
     ".xml": (_read_xml, "not valid XML"),
     ".json": (_read_object, "not valid JSON"),
     ".npy": (_read_array, "no array that can be read"),
