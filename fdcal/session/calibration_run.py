@@ -184,8 +184,8 @@ def solve(
             above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz"
             note = f"; {above} are left out, since the array found cannot interpolate all of them (Eq. 9)"
         found = replace(found, message=found.message + note)
-    if progress is not None:
-        progress(1.0, "done")
+        if progress is not None:
+            progress(1.0, "done")
     measurement = inputs.measurement
     positions, covariance = found.positions, found.covariance
     blind = problem.frame is None and not len(problem.known) and found.room is None

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...model import libraries
+from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
 from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError, shown
@@ -190,3 +191,25 @@ def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
     held = found.count * found.samples <= max_held
     values = found.block(0, found.samples, np.arange(found.count)) if held else None
     return {key: value for key, value in vars(found).items() if key != "block"}, values
+
+
+def require_whole_file(path: Path) -> None:
+    """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
+    h5py = needs("h5py")
+
+    links: list[tuple[bytes, int]] = []
+    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
+        file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
+        reason = ""
+        for link, kind in links:
+            name = shown(link.decode(errors="replace"), 80)
+            data: Any = file[link] if kind == h5py.h5l.TYPE_HARD else None
+            if kind == h5py.h5l.TYPE_EXTERNAL:
+                target = file.id.links.get_val(link)[0].decode(errors="replace")
+                reason = f'"{name}" is a link to {shown(target, 80)}'
+            elif isinstance(data, h5py.Dataset) and data.external:
+                reason = f'"{name}" has its values in {shown(data.external[0][0], 80)}'
+            elif isinstance(data, h5py.Dataset) and data.is_virtual:
+                reason = f'"{name}" is a virtual dataset, with its values in other datasets'
+    if reason:
+        raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")

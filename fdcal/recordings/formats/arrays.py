@@ -28,7 +28,7 @@ from ...model.libraries import needs
 from ...model.storage import load_archive, require_regular
 from ...model.validation import InputError, StorageError, require_array, require_choice, shown
 from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
-from . import Format, damaged, isolated, isolated_call, wanted_source
+from . import Format, damaged, isolated, isolated_call, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 # Names in lower case, letters alone, without a unit.
@@ -198,7 +198,7 @@ def _of_matlab(path: Path) -> dict[str, np.ndarray]:
 
 def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording in a table: lines of numbers below a header or none, with a column of times or none."""
-    from .positions import is_header  # which reads SOFA, which imports this module
+    from .positions import is_header  # which reads SOFA
 
     def is_data(line: str) -> bool:
         with contextlib.suppress(ValueError):
@@ -279,28 +279,6 @@ def _mapped(path: Path) -> np.ndarray:
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
         raise InputError(f"{path} holds no array of real numbers", "copy it again")
     return values
-
-
-def require_whole_file(path: Path) -> None:
-    """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
-    h5py = needs("h5py")
-
-    links: list[tuple[bytes, int]] = []
-    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
-        file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
-        reason = ""
-        for link, kind in links:
-            name = shown(link.decode(errors="replace"), 80)
-            data: Any = file[link] if kind == h5py.h5l.TYPE_HARD else None
-            if kind == h5py.h5l.TYPE_EXTERNAL:
-                target = file.id.links.get_val(link)[0].decode(errors="replace")
-                reason = f'"{name}" is a link to {shown(target, 80)}'
-            elif isinstance(data, h5py.Dataset) and data.external:
-                reason = f'"{name}" has its values in {shown(data.external[0][0], 80)}'
-            elif isinstance(data, h5py.Dataset) and data.is_virtual:
-                reason = f'"{name}" is a virtual dataset, with its values in other datasets'
-    if reason:
-        raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
 
 
 def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None) -> Recording:

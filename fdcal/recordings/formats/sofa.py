@@ -18,8 +18,7 @@ from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, damaged, isolated, isolated_call, wanted_source
-from .arrays import require_whole_file
+from . import Format, damaged, isolated, isolated_call, require_whole_file, wanted_source
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
