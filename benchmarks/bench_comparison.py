@@ -1,9 +1,9 @@
 """fdcal beside arrival times, the coherence of a diffuse field and a tape measure, on the same recordings.
 
 Each row of the table is one kind of array, room, sound and number of takes; rooms are made by image sources
-(pyroomacoustics) at 8 kHz. Every method is blind: it knows neither microphones nor sources. Those beside fdcal are told
-that an array is plane, fdcal finds it out. Prints a table in Markdown: the median over the draws of the RMS position
-error after the best rigid motion, in millimetres, with the greatest in brackets, and the seconds of the processor.
+(pyroomacoustics) at 8 kHz. Every method is blind: it knows neither microphones nor sources. The other methods are
+given that an array is plane; fdcal has to find it out. Prints a table in Markdown: the median over the draws of the RMS
+position error after the best rigid motion, in millimetres, with the greatest in brackets, and the processor's seconds.
 `python -m benchmarks.bench_comparison ROW...` draws some rows alone.
 """
 

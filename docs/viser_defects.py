@@ -16,7 +16,7 @@ async def message_arrives() -> bool:
     """Return whether a message arrives that another thread pushes just as the sender begins to wait.
 
     `push` sets an asyncio.Event on its own thread. If that happens after `Event.wait` has found the event unset and
-    before its future is queued, nobody wakes the future: the second `set`, on the event loop, finds the event set and
+    before its future is queued, the future is not woken: the second `set`, on the event loop, finds the event set and
     does nothing. A browser gets no more messages. Here the thread is made to come at that moment.
     """
     buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)

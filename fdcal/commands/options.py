@@ -283,7 +283,7 @@ BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfi
 def progress_bar(title: str) -> Iterator[ProgressReport]:
     """Give a function that shows a bar on standard error; it appears with the first call.
 
-    Where 0 is done nobody knows how much is left: the bar is a clock. Into a file goes nothing.
+    Where the fraction done is 0, what is left is unknown, and the bar is a clock. Nothing is written to a file.
     """
     from tqdm import tqdm
 

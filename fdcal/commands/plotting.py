@@ -57,7 +57,7 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
     sampled = None if terms is None else sampled_volume(terms)
     if sampled is None:
-        raise ValueError("a volume that nobody cancels is complete")
+        raise ValueError("a volume without cancellation must be complete")
     return sampled
 
 

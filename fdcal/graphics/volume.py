@@ -204,7 +204,7 @@ def layer_floor(
     x, y = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(*domain, counts, strict=True))
     cost = terms.on(x, y, np.array([z]))
     if cost is None:
-        raise ValueError("a layer that nobody cancels is complete")
+        raise ValueError("a layer without cancellation must be complete")
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     bar = replace(bar, label=f"{bar.label}, on the floor the layer z = {z:z.2f} m")
     return _floor(to_rgb(normalise(cost[0], low, high, log)), domain, height, bar)

@@ -168,7 +168,7 @@ def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_
     assert floor.rgb[np.abs(field) < 0.01].min() > 235 and floor.bar.colour_map == DIVERGING_COLOUR_MAP
     assert warm[field > 0.5].min() > 40 and warm[field < -0.5].max() < -40
     assert interpolate(field, lattice, truth[n]) == pytest.approx(level, abs=0.02), (
-        "the others foretell what it measures"
+        "the others predict what it measures"
     )
     line = floor.curves[1].segments.reshape(-1, 2)[::20]
     assert [interpolate(field, lattice, point) for point in line] == pytest.approx([level] * len(line), abs=0.01)

@@ -43,7 +43,7 @@ LEVELS = """time => {  // share of the canvas that the relief covers, and the me
 
 @pytest.fixture
 def url(kernels):
-    """Where the opening is served, to nobody before."""
+    """Address of a server of the opening that no browser has used yet."""
     with serving_here() as address:
         yield address
 

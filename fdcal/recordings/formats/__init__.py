@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ...model import libraries
-from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
 from ...model.storage import require_regular
 from ...model.validation import InputError, StorageError, shown
@@ -195,7 +194,7 @@ def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
 
 def require_whole_file(path: Path) -> None:
     """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
-    h5py = needs("h5py")
+    h5py = libraries.needs("h5py")
 
     links: list[tuple[bytes, int]] = []
     with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:

@@ -135,7 +135,7 @@ def _panels(snapshot: PageState, count: int) -> LandscapePanels:
     run, request = snapshot.run, snapshot.map_request
     panels = panels_on_screen(snapshot, count) or fine_panels(run, request, max_count=count)
     if panels is None:
-        raise ValueError("maps that nobody cancels are complete")
+        raise ValueError("maps without cancellation must be complete")
     f, modes = run.measurement.frequencies, len(request.modes)
     return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
 
@@ -159,7 +159,7 @@ def _map(snapshot: PageState) -> bytes:
         terms = terms_of(snapshot.run.problem, snapshot.map_request)
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
-            raise ValueError("a volume that nobody cancels is complete")
+            raise ValueError("a volume without cancellation must be complete")
         return exports.volume_vti(sampled.cost, sampled.search).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0]
