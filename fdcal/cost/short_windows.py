@@ -5,11 +5,13 @@ some than from others, so that the spectra p of one take and frequency share one
 
     p    ~ CN(0, s C),   s the power of this window alone
     C    = G (K + b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
-    K_ij = j_0(k d) + sum_l a_l j_l(k d) Y_l(u),   d u = x_i - x_j
+    K_ij = j_0(k d) + sum_l a_l j_2(k d) Y_l(u) + r (J_0(k d_h cos g) cos(k d_v sin g) - j_0(k d)),   d u = x_i - x_j
     h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, the direct sound of the take
 
-    Y_l  the five quadratic harmonics and the vertical one of degree 4: a room absorbs most at floor and ceiling, so
-         that its sound is more horizontal than isotropic, in every take alike
+    Y_l  the five quadratic harmonics
+    r    part of the sound that comes from the elevations g and -g; d_h and d_v, the horizontal and the vertical part
+         of d. A room absorbs most at floor and ceiling: those of its image sources that are heard longest lie in the
+         layer of the room and next to it
     b    power of the direct sound of a take, from direction v (3,), of curvature q, 1/m
     e    power of the noise; b and e vary with frequency, by interpolation between a few nodes
 
@@ -27,12 +29,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import spherical_jn
+from scipy.special import j0, j1, spherical_jn
 
 from ..model.validation import Complexes, Integers, Numbers, Reals
 
 CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
-# Y_l = u^T Q u of degree 2; that of degree 4 follows from the height alone
+# Y_l = u^T Q u
 QUADRATIC = np.array(
     [
         [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
@@ -42,11 +44,12 @@ QUADRATIC = np.array(
         [[-0.5, 0, 0], [0, -0.5, 0], [0, 0, 1]],
     ]
 )
-DEGREES = (2, 2, 2, 2, 2, 4)
+SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
 NOISE_NODES, DIRECT_NODES = 5, 2
-# spreads of the priors: of the spectrum's numbers; of gains, nepers, and phases, radians; means and spreads of the
+# means and spreads of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of the
 # logarithms of noise and direct sound, over the diffuse field, and of the curvature, 1/m
-SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5])
+SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
+SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
 NOISE_PRIOR, DIRECT_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
 NEGATIVE = 1e4  # nats, twice the cost of a power of -1, relative to the mean, from one of the directions
@@ -60,7 +63,7 @@ class ShortField:
 
     positions: Reals  # (N, 3) float64, metres
     channels: Reals  # (N, 2) float64, nepers and radians
-    spectrum: Reals  # (6,) float64, a_l
+    spectrum: Reals  # (7,) float64, a_l, r, g
     noise: Reals  # (NOISE_NODES,) float64, log e
     direct: Reals  # (T, DIRECT_NODES) float64, log b
     directions: Reals  # (T, 3) float64, v
@@ -84,7 +87,7 @@ def first_field(positions: Reals, takes: int) -> ShortField:
     return ShortField(
         positions=x,
         channels=np.zeros((len(x), 2)),
-        spectrum=np.zeros(len(DEGREES)),
+        spectrum=SPECTRUM_MEAN,
         noise=np.full(NOISE_NODES, np.log(0.05)),
         direct=np.full((takes, DIRECT_NODES), NO_DIRECT),
         directions=np.tile([1.0, 0.0, 0.0], (takes, 1)),
@@ -93,14 +96,14 @@ def first_field(positions: Reals, takes: int) -> ShortField:
 
 
 def free_parameters(
-    N: int, takes: int, axes: Integers, channels: bool = False, degree: int = 0, direct: bool = False
+    N: int, takes: int, axes: Integers, channels: bool = False, spectrum: int = 0, direct: bool = False
 ) -> np.ndarray:
     """Return which parameters of a step move : (P,) bool.
 
-    axes : coordinates that are free, two of an array in a plane; degree : greatest of the spectrum.
+    axes : coordinates that are free, two of an array in a plane; spectrum : how many of its numbers, from the first
     """
     each = np.tile([*np.isin(np.arange(3), axes), channels, channels], N)
-    shape = np.array(DEGREES) <= degree
+    shape = np.arange(len(SPECTRUM)) < spectrum
     if len(axes) == 2:  # no sound is heard that comes from one side of the plane and not from the other
         across = 3 - int(np.sum(axes))
         shape[:5] &= np.array([across not in pair for pair in ((), (0, 1), (0, 2), (1, 2), ())])
@@ -109,7 +112,7 @@ def free_parameters(
 
 def advanced(field: ShortField, step: Reals) -> ShortField:
     """Return the field after a step (P,) of all parameters."""
-    N, S = len(field.positions), len(DEGREES)
+    N, S = len(field.positions), len(SPECTRUM)
     each, rest = step[: 5 * N].reshape(N, 5), step[5 * N :]
     takes = rest[S + NOISE_NODES :].reshape(len(field.direct), DIRECT_NODES + 3)
     turned = np.einsum("ta,tab->tb", takes[:, DIRECT_NODES:-1], _tangents(field.directions))
@@ -141,7 +144,7 @@ def upright(field: ShortField, axes: Integers) -> tuple[ShortField, np.ndarray]:
     turned = turn.T @ tensor @ turn
     spectrum = [(turned[0, 0] - turned[1, 1]) / 2, turned[0, 1], turned[0, 2], turned[1, 2], turned[2, 2]]
     x, v = field.positions @ turn, field.directions @ turn
-    return replace(field, positions=x, directions=v, spectrum=np.array([*spectrum, 0.0])), axes
+    return replace(field, positions=x, directions=v, spectrum=np.array([*spectrum, *SPECTRUM_MEAN[5:]])), axes
 
 
 def _tangents(directions: Reals) -> np.ndarray:
@@ -205,7 +208,7 @@ def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals)
 
     Of a group these are the spectrum, the noise, the power, direction (2) and curvature of its direct sound.
     """
-    every, S = np.arange(len(take)), len(DEGREES)
+    every, S = np.arange(len(take)), len(SPECTRUM)
     own = S + NOISE_NODES + (DIRECT_NODES + 3) * take
     design = np.zeros((len(take), S + 5, S + NOISE_NODES + (DIRECT_NODES + 3) * takes))
     design[:, range(S), range(S)] = 1.0
@@ -259,40 +262,41 @@ def _scores_and_fisher(
 def anisotropic_kernel(
     x: Reals, k: Reals, spectrum: Reals, slope: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and (6, F, N, N) those by the spectrum's numbers.
+    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and (7, F, N, N) those by the spectrum's numbers.
 
-    x : (N, 3), metres; k : (F,), rad/m; spectrum : (6,), a_l. Slopes and matrices are empty unless wanted.
+    x : (N, 3), metres; k : (F,), rad/m; spectrum : (7,). Slopes and matrices are empty unless wanted.
     """
-    N = len(x)
+    N, (*a, ring, elevation) = len(x), spectrum
     i, j = np.triu_indices(N, 1)
     d = x[i] - x[j]
     r = np.linalg.norm(d, axis=1) + 1e-9
-    u = d / r[:, None]
-    t = u[:, 2]
-    Y = _harmonics(u)
+    u, Y = d / r[:, None], _quadratic(d / r[:, None])
     z = np.maximum(k[:, None] * r, 1e-4)
-    J = {degree: spherical_jn(degree, z) for degree in (0, 2, 4)}
-    each = np.array([J[degree] for degree in DEGREES]) * Y[:, None]
+    isotropic, second = spherical_jn(0, z), spherical_jn(2, z)
+    across = np.linalg.norm(d[:, :2], axis=1) + 1e-9
+    flat, up = np.cos(elevation), np.sin(elevation)
+    round_, level = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
+    bessel, wave = j0(round_), np.cos(level)
+    each = np.array([*(second * y for y in Y), bessel * wave - isotropic])
 
     def whole(values: Reals, sign: float = 1.0) -> np.ndarray:
         out = np.zeros((*values.shape[:-1], N, N))
         out[..., i, j], out[..., j, i] = values, sign * values
         return out
 
-    K = whole(J[0] + np.tensordot(spectrum, each, 1))
+    K = whole(isotropic + np.tensordot(spectrum[:6], each, 1))
     K[:, np.arange(N), np.arange(N)] = 1.0
     if not slope:
         return K, np.zeros((0, *K.shape)), np.zeros((0, *K.shape))
-    up = (np.array([0, 0, 1.0]) - t[:, None] * u) / r[:, None]
-    across = [2 * (u @ Q - y[:, None] * u) / r[:, None] for Q, y in zip(QUADRATIC, Y, strict=False)]
-    across.append(((140 * t**3 - 60 * t) / 8)[:, None] * up)
-    steep = {degree: spherical_jn(degree, z, True) * k[:, None] for degree in J}
-    radial = steep[0] + sum(a * y * steep[degree] for a, y, degree in zip(spectrum, Y, DEGREES, strict=True))
-    weighted = [a * J[degree] for a, degree in zip(spectrum, DEGREES, strict=True)]
-    slopes = [
-        radial * u[:, b] + sum(w * turn[:, b] for w, turn in zip(weighted, across, strict=True)) for b in range(3)
-    ]
-    return K, whole(np.array(slopes), -1.0), whole(each)
+    outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # by the arguments of the two factors of the ring
+    radial = (1 - ring) * spherical_jn(0, z, True) + np.dot(a, Y) * spherical_jn(2, z, True)
+    slopes = k[:, None, None] * (radial[..., None] * u)
+    tensor = np.tensordot(a, QUADRATIC, 1)
+    slopes += second[..., None] * (2 * (u @ tensor - np.dot(a, Y)[:, None] * u) / r[:, None])
+    slopes[..., :2] += ring * k[:, None, None] * flat * outward[..., None] * (d[:, :2] / across[:, None])
+    slopes[..., 2] += ring * k[:, None] * up * upward
+    turned = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
+    return K, whole(np.moveaxis(slopes, -1, 0), -1.0), whole(np.array([*each, turned]))
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:
@@ -317,7 +321,7 @@ def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     """Cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
 
-    They are Gaussian; and no direction has a negative power, 1 + sum_l (-1)^(l / 2) a_l Y_l(u) of the mean.
+    They are Gaussian; and neither a direction has a negative power, 1 - r - sum_l a_l Y_l(u) of the mean, nor the ring.
     """
     N, T = field.channels.shape[0], len(field.direct)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
@@ -325,23 +329,22 @@ def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     takes, widths = np.zeros((T, DIRECT_NODES + 3)), np.full((T, DIRECT_NODES + 3), np.inf)
     takes[:, :DIRECT_NODES], widths[:, :DIRECT_NODES] = field.direct - DIRECT_PRIOR[0], DIRECT_PRIOR[1]
     takes[:, -1], widths[:, -1] = field.curvature - CURVATURE_PRIOR[0], CURVATURE_PRIOR[1]
-    away = np.concatenate([each.ravel(), field.spectrum, field.noise - NOISE_PRIOR[0], takes.ravel()])
+    away = np.concatenate([each.ravel(), field.spectrum - SPECTRUM_MEAN, field.noise - NOISE_PRIOR[0], takes.ravel()])
     noise = np.full(NOISE_NODES, NOISE_PRIOR[1])
     diagonal = 1 / np.concatenate([spread.ravel(), SPECTRUM_SPREAD, noise, widths.ravel()]) ** 2
     gradient, stiffness = away * diagonal, np.diag(diagonal)
-    signs = (-1.0) ** (np.array(DEGREES) // 2)
-    slopes = signs * _harmonics(_directions(100)).T  # (100, 6)
-    power = np.minimum(1 + slopes @ field.spectrum, 0.0)
-    own = slice(5 * N, 5 * N + len(DEGREES))
+    slopes = np.zeros((101, len(SPECTRUM)))
+    slopes[:100, :5], slopes[:100, 5], slopes[100, 5] = -_quadratic(_directions(100)).T, -1.0, 1.0
+    power = np.minimum([1.0] * 100 + [0.0] + slopes @ field.spectrum, 0.0)
+    own = slice(5 * N, 5 * N + len(SPECTRUM))
     gradient[own] += NEGATIVE * power @ slopes
     stiffness[own, own] += NEGATIVE * slopes[power < 0].T @ slopes[power < 0]
     return float(np.sum(away**2 * diagonal) + NEGATIVE * np.sum(power**2)) / 2, gradient, stiffness
 
 
-def _harmonics(u: Reals) -> np.ndarray:
-    """Y_l (6, P) in the directions u (P, 3)."""
-    t = u[:, 2]
-    return np.array([*(np.sum(u @ Q * u, axis=1) for Q in QUADRATIC), (35 * t**4 - 30 * t**2 + 3) / 8])
+def _quadratic(u: Reals) -> np.ndarray:
+    """Y_l (5, P) in the directions u (P, 3)."""
+    return np.einsum("pa,lab,pb->lp", u, QUADRATIC, u)
 
 
 @functools.cache

@@ -32,9 +32,6 @@ MAX_DIAMETER = 0.1
 # windows. On jobs a, b, e, simulated balls and circles and a measured array the errors are 2.2 times as large as claims
 # without it, at the median
 MODEL_EXCESS = 4.0
-# one sigma of the size of a flat array, relative: it trades against how horizontal the sound is, which has more forms
-# than two numbers say; nine flat arrays of eight are 1 to 3 % too large
-SIZE_SIGMA = 0.02
 # noise as a part of the power of a channel, and its delay times the sound speed, metres, from which on its windows do
 # not count
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
@@ -121,9 +118,6 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools)
         field, axes, covariance = fitted(likelihood, starts)
     except np.linalg.LinAlgError:
         return None
-    if D == 2:
-        from_centre = (field.positions[:, axes] - field.positions[:, axes].mean(axis=0)).ravel()
-        covariance += SIZE_SIGMA**2 * np.outer(from_centre, from_centre)
     x = np.array(positions)
     found = field.positions[:, axes]
     x[heard] = align(found, positions[heard])
@@ -180,10 +174,10 @@ def fitted(
             field, cost = _minimised(part, with_direct(part, field), direct)
         ended.append((field, cost))
     field, _ = _minimised(likelihood, min(ended, key=lambda one: one[1])[0], direct)
-    field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, degree=2, direct=True), LAST_STEPS)
+    field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, spectrum=5, direct=True), LAST_STEPS)
     field, axes = upright(field, axes)
-    field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, degree=4, direct=True), LAST_STEPS)
-    free = free_parameters(N, T, axes, degree=4, direct=True, channels=True)
+    field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, spectrum=7, direct=True), LAST_STEPS)
+    free = free_parameters(N, T, axes, spectrum=7, direct=True, channels=True)
     for _ in range(ROUNDS):
         likelihood = replace(likelihood, dispersion=_dispersion(likelihood, field, free))
         field, _ = _minimised(likelihood, field, free, LAST_STEPS, LAST_DECREASE)
