@@ -105,19 +105,19 @@ def with_distance(job: Job) -> CalibrationInput:
 
 # Words of a verdict, as `InputError` writes arguments, and what somebody does who follows them.
 REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
-    "use fewer modes (modes)": lambda job: in_modes(job, len(job.result.frequencies) // 2),
+    "use fewer modes": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
-    "use more modes (modes)": lambda job: in_modes(job, 2 * len(job.result.frequencies)),
-    "known microphones": more_known,
+    "use more modes": lambda job: in_modes(job, 2 * len(job.result.frequencies)),
+    "give known microphones": more_known,
+    "name known microphones": more_known,
+    "more known microphones": more_known,
     "give more positions": more_known,
     "closer together": lambda job: rebuilt(job, size=job.case.spec.size / 2),
-    "try another solver": lambda job: with_settings(job.inputs, solver="joint"),
     "record another take": lambda job: rebuilt(job, takes=job.case.spec.takes + 1),
     "measure longer, louder": lambda job: rebuilt(job, snr=(job.case.spec.snr or 60.0) + LOUDER_DB),
     "a longer time_limit": lambda job: replace(job.inputs, time_limit=LONGER * 45),
-    "leave faulty ones out with exclude": without_faulty,
+    "leave faulty ones out": without_faulty,
     "check the positions and the cables": measured_again,
-    "check them": measured_again,
     "give one distance with estimate_sound_speed": with_distance,
 }
 

@@ -1,4 +1,4 @@
-"""Work at the speed of the machine: compilation to machine code, and threads on all cores.
+"""Compilation to machine code, threads on all cores, and deadlines.
 
 numba stores machine code beside the source, or in the user's cache folder if the source is read-only. A read-only
 installation stores it under FDCAL_CACHE if that is set. If no folder can be written to, every run compiles again.
@@ -8,8 +8,11 @@ What a calibration needs is not compiled: a first run would wait for the compile
 
 import functools
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import ContextVar, copy_context
+from functools import partial
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -63,7 +66,35 @@ def parallel_map(function: Callable[[Item], Found], items: Iterable[Item], worth
     The function must not call `parallel_map`: a deadlock. `worth`: false for so little work that one core is faster.
     """
     items = list(items)
+    runs = [partial(copy_context().run, function, item) for item in items]  # with the deadline of this thread
     try:
-        return _pool().map(function, items) if worth else map(function, items)
+        return _pool().map(lambda run: run(), runs) if worth else map(function, items)
     except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
         return map(function, items)
+
+
+_time_is_up: ContextVar[Callable[[], bool] | None] = ContextVar("time_is_up", default=None)
+
+
+class OutOfTime(Exception):
+    """The time of a calculation is used up."""
+
+
+@contextmanager
+def deadline(end: float, clock: Callable[[], float]) -> Generator[None]:
+    """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`.
+
+    A deadline holds in the thread that sets it, and in those of `parallel_map` that work for it.
+    """
+    token = _time_is_up.set(lambda: clock() > end)
+    try:
+        yield
+    finally:
+        _time_is_up.reset(token)
+
+
+def check_deadline() -> None:
+    """Raise OutOfTime if the deadline of this thread has passed; without a deadline do nothing."""
+    time_is_up = _time_is_up.get()
+    if time_is_up is not None and time_is_up():
+        raise OutOfTime

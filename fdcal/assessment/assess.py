@@ -62,7 +62,7 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)
     seen = judged(estimate, names, scale)
-    code, message = first_finding(FINDINGS, seen)
+    code, message = first_finding(FINDINGS, seen, estimate)
     if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
         seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
     problem, size = estimate.problem, scale or 1.0
@@ -143,7 +143,7 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
 
 
 def _in_room(estimate: RoomEstimate, names: Sequence[str]) -> Assessment:
-    code, message = first_finding(ROOM_FINDINGS, JudgedRoom(estimate, names))
+    code, message = first_finding(ROOM_FINDINGS, JudgedRoom(estimate, names), estimate)
     cross, positions = summarise(estimate.pressures, estimate.leave_one_out_errors), estimate.positions
     images = tuple((str(image), image.apply(np.asarray(positions))) for image in estimate.images)
     return Assessment(

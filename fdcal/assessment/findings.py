@@ -37,9 +37,10 @@ from .words import faults_text
 Seen = TypeVar("Seen")  # what a verdict rests on
 CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
-    " faulty channels, or positions not found yet (try another solver)"
+    " faulty channels, or positions not found yet"
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
+MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; left out where all modes are in use
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
 
 
@@ -361,7 +362,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: "the positions given and the pressures do not agree; by chance they would disagree so in"
                          f" {f'1 of {1 / seen.agreement:.0f}' if seen.agreement > 1e-6 else 'less than 1 of 1000000'}"
                          " cases: a given position or the sound speed is wrong, or the array was not found",
-            "check them, or use more modes (<modes>)",
+            "",
             0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
     Finding("model_mismatch",
             lambda seen, limit: seen.by_rows and (given := seen.given_noise or 0.0) > 0
@@ -387,23 +388,23 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
-            "use more modes (<modes>), or known microphones that lie less on one line"),
+            MORE_MODES + "give known microphones that lie less on one line"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
-            "use more modes (<modes>), or more known microphones"),
+            MORE_MODES + "give more known microphones"),
     Finding("ambiguous", _other_minimum, _other_minimum_words,
-            "use more modes (<modes>), or known microphones",
+            MORE_MODES + "give known microphones",
             2.3, "noise of a channel over that of the median one"),
     Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * rms_radius(seen.estimate.positions[seen.healthy]),
             lambda seen: f"the positions are uncertain by {100 * seen.uncertain:.2g} cm",
-            "use more modes (<modes>), more known microphones, or less noise",
+            MORE_MODES + "give more known microphones, or record with less noise",
             0.1, "one sigma of the positions over the root mean square radius of the array"),
     Finding("ambiguous",
             lambda seen, limit: bool(len(seen.estimate.problem.known))
             and seen.loosest >= max(limit, 3 * seen.uncertain),
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
                          f" place that microphone only to {length_text(seen.loosest, 2)}",
-            "use more modes (<modes>), or give more positions",
+            MORE_MODES + "give more positions",
             0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
     Finding("good", lambda seen, _: True, _good),
 )
@@ -490,15 +491,17 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
     Finding("ambiguous",
             lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * rms_radius(seen.estimate.positions)),
             lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
-            "use more modes (<modes>), or less noise",
+            MORE_MODES + "record with less noise",
             0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
     Finding("good", lambda seen, _: True, _good_in_room),
 )
 # fmt: on
 
 
-def first_finding(findings: Sequence[Finding[Seen]], seen: Seen) -> tuple[str, str]:
+def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estimate | RoomEstimate) -> tuple[str, str]:
     """Return code and message, words and remedy in one line, of the first finding that applies."""
     found = next(one for one in findings if one.applies(seen, one.limit))
-    words = found.words(seen)
-    return found.code, f"{words}; {found.remedy}" if found.remedy else words
+    words, remedy, frequencies = found.words(seen), found.remedy, estimate.problem.frequencies
+    if len(frequencies[estimate.modes]) == len(frequencies):
+        remedy = remedy.replace(MORE_MODES, "")
+    return found.code, f"{words}; {remedy}" if remedy else words

@@ -91,9 +91,9 @@ def result_sentences(
     error = "unknown, since the true positions are"
     if result.mean_error is not None and result.max_error is not None:
         truth = truth or ("the nominal positions" if nominal else "the truth")
-        healthy = " healthy" if len(result.healthy) < len(result.names) else ""
+        faultless = " without a faulty channel" if len(result.healthy) < len(result.names) else ""
         sought = " sought" if len(given) and not np.isin(numbers, given).any() else ""
-        over = f"{'the' if healthy or sought else 'all'} {len(numbers)}{healthy} microphones{sought}"
+        over = f"{'the' if faultless or sought else 'all'} {len(numbers)} microphones{sought}{faultless}"
         error = f"{error_words(result)} over {over}"
         error += f", moved as a whole onto {truth}" if result.aligned else f", against {truth}" if nominal else ""
         error += ", in the nearest of the room's symmetries" if result.room is not None else ""

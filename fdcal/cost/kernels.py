@@ -36,7 +36,7 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs
 from scipy.special import j0, j1
 
-from ..acoustics.compiled import parallel_map
+from ..acoustics.compiled import check_deadline, parallel_map
 from ..acoustics.dictionary import complex_sinc, cosine_and_sine, sinc
 from ..model.validation import Complexes, Integers, Numbers, Reals, frozen_array
 
@@ -59,10 +59,18 @@ def blocks(modes: int, numbers: int) -> list[slice]:
 
 def over_blocks(rule: Callable[[slice], Found], modes: int, numbers: int) -> Iterator[list[Found]]:
     """Yield what `rule` gives for each of `blocks`, in PARTS lists; large problems use all cores."""
+
+    def of_part(part: list[slice]) -> list[Found]:
+        found = []
+        for m in part:
+            check_deadline()
+            found.append(rule(m))
+        return found
+
     every = blocks(modes, numbers)
     edges = np.linspace(0, len(every), PARTS + 1).astype(int)
     parts = [every[a:b] for a, b in itertools.pairwise(edges) if b > a]
-    return parallel_map(lambda part: [rule(m) for m in part], parts, modes * numbers > WORTH_THREADS)
+    return parallel_map(of_part, parts, modes * numbers > WORTH_THREADS)
 
 
 def triangular_inverses(G: np.ndarray) -> np.ndarray:

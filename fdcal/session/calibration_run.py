@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from .. import solvers
+from ..acoustics.compiled import OutOfTime, check_deadline, deadline
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
 from ..assessment.findings import modes_below_limit
@@ -21,7 +22,7 @@ from ..model.problem import Problem
 from ..model.settings import SolverSettings, search_around
 from ..model.validation import InputError, Metres, Seconds, convert, frozen_array
 from ..solvers import load, run
-from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
+from ..solvers.interface import RunState, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes
 from .process import Interrupt, one_blas_thread
 from .sources import CalibrationInput, ProgressReport
@@ -225,20 +226,26 @@ def last_state(
 ) -> tuple[RunState, str, float]:
     """Return the state at the end of a run, why it ended before the solver did ("" if it did not), and its deadline.
 
-    The start is not interrupted, since there are no positions before it.
+    InputError where the time is used up before there are positions.
     """
     limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
-    end, states = clock() + limit, states_of(inputs, progress, problem)
-    state = next(states)
+    end, states, state = clock() + limit, states_of(inputs, progress, problem), None
     try:
         with deadline(end, clock):
+            state = next(states)
             while not state.finished:
                 check_deadline()
                 state = next(states)
     except OutOfTime:
+        if state is None:
+            fault = f"the {limit:g} s of processor time were used up before there were positions of microphones"
+            remedy = "give a longer <time_limit>, or fewer microphones (<exclude>)"
+            raise InputError(fault, remedy, key="time_limit", value=limit) from None
         why = f"the solver was stopped after {limit:g} s of processor time; use fewer modes (<modes>) or a longer"
         return ended_early(state), f"{why} <time_limit>", end
     except KeyboardInterrupt:
+        if state is None:
+            raise
         return ended_early(state), "the solver was interrupted; these are the best positions so far", end
     return state, "", end
 

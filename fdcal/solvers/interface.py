@@ -9,16 +9,13 @@ The order of a field's expansion, and with it memory and time of a step, grows w
 the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so positions beyond `max_radius` are no answer: the
 solver has diverged.
 
-One step may take many trials. Loops inside a step call `check_deadline`, so a calibration ends soon after its time
-limit and not after the step. A deadline holds in the thread that has set it: calibrations in other threads, and the
-page's session, have their own or none.
+One step may take many trials. Loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so a calibration ends
+soon after its time limit and not after the step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
@@ -314,29 +311,6 @@ class Solver(Protocol):
 
 
 State = TypeVar("State", bound=RunState)
-
-_time_is_up: ContextVar[Callable[[], bool] | None] = ContextVar("time_is_up", default=None)
-
-
-class OutOfTime(Exception):
-    """The time of a calibration is used up; the last state before holds its best positions."""
-
-
-@contextmanager
-def deadline(end: float, clock: Callable[[], float]) -> Generator[None]:
-    """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`."""
-    token = _time_is_up.set(lambda: clock() > end)
-    try:
-        yield
-    finally:
-        _time_is_up.reset(token)
-
-
-def check_deadline() -> None:
-    """Raise OutOfTime if the deadline of this thread has passed; without a deadline do nothing."""
-    time_is_up = _time_is_up.get()
-    if time_is_up is not None and time_is_up():
-        raise OutOfTime
 
 
 def time_limit(problem: Problem, modes: int) -> float:

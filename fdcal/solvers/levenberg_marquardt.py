@@ -11,7 +11,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from .interface import check_deadline
+from ..acoustics.compiled import check_deadline
 
 Unknowns = TypeVar("Unknowns")
 FIRST_DAMPING = 1e-3  # damping of the first step, and of the next after one that has failed

@@ -44,11 +44,12 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ..acoustics import room_modes
+from ..acoustics.compiled import check_deadline
 from ..cost.eq7 import search_domain
 from ..model.problem import Problem, mode_power
 from ..model.settings import Search, SolverSettings
 from ..model.validation import Complexes, InputError, Numbers, Reals, frozen_array
-from .interface import RoomEstimate, RunState, SizeFit, Traits, check_deadline
+from .interface import RoomEstimate, RunState, SizeFit, Traits
 from .levenberg_marquardt import FIRST_DAMPING, DampedStep, NewtonTerms, damped_step
 from .requirements import require_measured, require_range
 

@@ -19,6 +19,7 @@ from itertools import combinations, combinations_with_replacement
 import numpy as np
 from scipy.sparse.csgraph import shortest_path
 
+from ..acoustics.compiled import check_deadline
 from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
@@ -243,6 +244,7 @@ def coherence_start(
     x = _unfolded(distance, min(NEIGHBOURS, N - 1), axes)
     between = distance + np.eye(N)
     for reach in REACH:
+        check_deadline()
         misfit = np.log(between / (_distances(x) + np.eye(N)))
         weight = np.where(distance < reach / k.max(), 1.0, FAR_WEIGHT)
         weight = weight / (SCATTER**2 + misfit**2) / between**2

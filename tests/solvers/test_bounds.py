@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
+from fdcal.acoustics.compiled import OutOfTime, check_deadline, deadline
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -16,7 +17,6 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import interface as bounds
 from fdcal.solvers import room
-from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import channels
 from fdcal.solvers.robust.objective import in_unit_power
 
@@ -142,6 +142,12 @@ def test_an_interrupt_gives_the_best_so_far():
     assert result.verdict == "not_converged" and "interrupted" in result.verdict_text
 
 
+def test_a_limit_that_passes_before_there_are_positions_is_refused():
+    readings = itertools.count(0.0, 1.0)  # of a clock: the start looks at it more than twice
+    with pytest.raises(InputError, match=r"2 s of processor time were used up before.*time_limit"):
+        solve(inputs_of(diffuse(), time_limit=2.0), clock=lambda: next(readings))
+
+
 def test_the_limit_grows_with_the_array_only_beyond_64_microphones():
     assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64) == 45.0
     assert bounds.time_limit(diffuse(count=128, modes=64).problem(), 64) == 180.0
@@ -207,9 +213,9 @@ CASES = [
 @pytest.mark.parametrize(("kind", "solver"), CASES)
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
     clock = Readings()
-    result = solve(absurd_inputs(absurd(kind), solver, 15.0), clock=clock)
-    assert clock.count == 17  # the start, and the first reading past the limit: nothing goes on after that
-    assert result.verdict == "not_converged" and not result.converged and "15 s" in result.verdict_text
+    result = solve(absurd_inputs(absurd(kind), solver, 40.0), clock=clock)
+    assert clock.count == 42  # the first, and the first reading past the limit: nothing goes on after that
+    assert result.verdict == "not_converged" and not result.converged and "40 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)
 
 

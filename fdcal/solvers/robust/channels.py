@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from ...acoustics.compiled import check_deadline
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import log_response
 from ...model.problem import Problem
 from ...model.validation import Complexes, Reals, frozen_array
-from ..interface import check_deadline
 from .noise import with_noise
 from .objective import NU, constrained_positions, gains_are_free, used_modes, wavenumbers
 from .state import SUSPICIOUS, State
