@@ -109,7 +109,8 @@ def box():
     measurement, descent = cached_measurement(scene), solvers.load("descent")
     problem = measurement.problem(scene.solver.weights)
     begun = descent.init(problem, scene.solver, seed)
-    _, at_once, _, _, _, staged = states_of_lesson(load_lesson("3_too_many_too_soon"), problem, scene.solver, seed)
+    parts = [part for step in load_lesson("3_too_many_too_soon").steps for part in step.parts]
+    _, at_once, _, _, _, staged = states_of_lesson(parts, problem, scene.solver, seed)
     return scene, measurement, problem, descent, begun, at_once[-1], staged
 
 

@@ -1,8 +1,7 @@
 """What a gallery shows: runs of scenes that come with fdcal, and lessons, as pages of files.
 
-Of a lesson the page has text, question and reveal beside the run that each step shows. The runs of all steps are states
-of one replay, one after the other; each part of a step, before and after its answer, shows some of them
-(`replay_page/lesson.js`). So the lesson must have one scene.
+The page of a lesson has text, question and reveal beside the run that each step shows. It holds a run for each scene of
+the lesson. Each part of a step, before and after its answer, shows some states of one run (`replay_page/lesson.js`).
 """
 
 from __future__ import annotations
@@ -10,18 +9,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..acoustics.measure import cached_measurement
+from ..assessment.assess import Assessment
+from ..assessment.findings import root_mean_square
+from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..assessment.words import state_error_words
 from ..cost.eq7 import reference_cost_of
-from ..graphics.replay import GalleryEntry, index_html, picture_of, replay_html
+from ..graphics.lesson_panels import lesson_panel
+from ..graphics.marks import MARKS
+from ..graphics.overlays import ellipse_scale
+from ..graphics.picture import focus_of
+from ..graphics.replay import GalleryEntry, index_html, page_html, picture_of, replay_html, run_data
 from ..model.address import SOLVER, parse_address
 from ..model.measurement import Measurement
 from ..model.problem import Problem
-from ..model.validation import InputError, parse_modes
-from ..session.calibration_run import problem_of, states_of
+from ..model.scene import Scene
+from ..model.validation import InputError, length_text, parse_modes
+from ..session.calibration_run import assess_state, problem_of, states_of
 from ..session.lesson import Lesson, LessonSetting, load_lesson, states_of_lesson
 from ..session.session import recorded
-from ..session.sources import with_settings
+from ..session.sources import CalibrationInput, with_settings
+from ..solvers.interface import RunState
 from .options import scene_of
 from .plotting import counted_microphones
 
@@ -77,6 +87,11 @@ LESSONS = {
     "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
     "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
     "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent yourself.",
+    "4_frozen_grid": "Why descent on a grid stops short of the truth, and what finds it.",
+    "5_corner_or_centre": "The error over the distance from the known microphones: the paper's Fig. 5.",
+    "6_noise_and_error_bars": "What noise does, and whether the error ellipses hold what they promise.",
+    "7_one_bad_channel": "A swapped cable: how it shows, and which method names it.",
+    "8_second_place": "What a second position of the loudspeaker brings.",
 }
 Progress = Callable[..., None]
 
@@ -122,8 +137,6 @@ def _run(show: Show) -> tuple[str, GalleryEntry]:
 
 
 CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}
-
-
 MAX_LESSON_BYTES = 2_000_000
 
 
@@ -132,24 +145,16 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
 
     Steps that show a standing wave are left out: the browser computes maps of the cost alone.
 
-    `measurement`: of the lesson's scene, which is simulated unless it is given.
-    Raises InputError: the lesson has several scenes.
+    `measurement`: of the lesson's only scene, which is simulated unless it is given.
     """
     lesson = replace(lesson, steps=tuple(step for step in lesson.steps if step.page.map != "shape"))
-    start = lesson.start(0)
-    settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
-    if start is None or any(setting.begins for setting in settings[1:]):
-        raise InputError(f'the lesson "{lesson.title}" has several scenes', "choose one that keeps its scene")
-    scene, seed = start
-    measurement = cached_measurement(scene) if measurement is None else measurement
-    problem, states, steps = measurement.problem(scene.solver.weights, scene.solver.known), [], []
-    runs = iter(states_of_lesson(lesson, problem, scene.solver, seed))
-    for step in lesson.steps:
-        parts = []
-        for setting in (step.page, step.then) if step.question else (step.page,):
-            run = next(runs)
-            parts.append(_part(setting.unfolded(), problem) | {"range": [len(states), len(states) + len(run) - 1]})
-            states += run
+    scenes, groups, steps = list[tuple[Scene, int]](), list[list[LessonSetting]](), list[dict]()
+    for number, step in enumerate(lesson.steps):
+        for setting, revealed in zip(step.parts, (False, True), strict=False):
+            if setting.begins and (start := lesson.start(number, revealed)) is not None:
+                scenes.append(start)
+                groups.append([])
+            groups[-1].append(setting)
         steps.append(
             {
                 "text": _paragraphs(step.text),
@@ -157,17 +162,58 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
                 "choices": list(step.choices),
                 "answer": step.answer - 1,
                 "reveal": _paragraphs(step.reveal),
-                "parts": parts,
             }
         )
-    page = replay_html(
-        scene, measurement, states, lesson.title, reference_cost_of(problem), problem=problem,
-        max_bytes=MAX_LESSON_BYTES, lesson={"steps": steps, "following": following},
-    )  # fmt: skip
-    first = lesson.steps[0].page.unfolded()
+    runs, parts, picture = list[dict](), list[dict](), ""
+    for number, (start, settings) in enumerate(zip(scenes, groups, strict=True)):
+        data, shown, drawn = _lesson_run(*start, settings, measurement, MAX_LESSON_BYTES // len(groups))
+        runs.append(data)
+        parts += [part | {"run": number} for part in shown]
+        picture = picture or drawn
+    rest = iter(parts)
+    for step, table in zip(lesson.steps, steps, strict=True):
+        table["parts"] = [next(rest) for _ in step.parts]
+    return page_html(lesson.title, runs, lesson={"steps": steps, "following": following}), picture
+
+
+def _lesson_run(
+    scene: Scene, seed: int, settings: Sequence[LessonSetting], measurement: Measurement | None, max_bytes: int
+) -> tuple[dict, list[dict], str]:
+    """Return the data of the run that some parts of a lesson show, these parts, and a picture of the first map."""
+    measurement = cached_measurement(scene) if measurement is None else measurement
+    problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    states, parts, panel, ellipses = list[RunState](), list[dict](), "none", False
+    shown = states_of_lesson(settings, problem, scene.solver, seed)
+    inputs = CalibrationInput(scene.name, scene, measurement, shown[-1][-1].settings, seed)
+    needed = any(one.ellipses or one.panel in ("prediction", "channels") for one in settings)
+    found = assess_state(inputs, problem, shown[-1][-1]) if needed and shown[-1][-1].finished else None
+    for setting, run in zip(settings, shown, strict=True):
+        part = _part(setting.unfolded(), problem) | {"range": [len(states), len(states) + len(run) - 1]}
+        states += run
+        panel, ellipses = setting.panel or panel, ellipses or bool(setting.ellipses)
+        ended = found if run[-1] is shown[-1][-1] else None
+        part["panel"] = lesson_panel(panel, measurement, list({id(one): one for one in states}.values()), ended)
+        parts.append(part)
+    data = run_data(
+        scene, measurement, states, reference_cost_of(problem), problem=problem, max_bytes=max_bytes, parts=parts
+    )
+    if ellipses and found is not None:
+        data["ellipses"] = _ellipses(measurement, found)
+    first = settings[0].unfolded()
     n = int(problem.free[0]) if first.microphone is None else first.microphone
     chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, SOLVER) else None
-    return page, picture_of(measurement, problem, states[0], n, chosen)
+    return data, parts, picture_of(measurement, problem, states[0], n, chosen)
+
+
+def _ellipses(measurement: Measurement, found: Assessment) -> dict:
+    """Return the error ellipses at the end of a run, their two longest half axes as they are drawn, and their words."""
+    axes = ellipse_axes(found.covariance, confidence_factor(0.95, measurement.array_dimension))
+    x0, y0, x1, y1 = focus_of(measurement)
+    scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
+    sigma = root_mean_square(np.delete(found.uncertainty, measurement.known))
+    drawn = scale * np.pad(axes[:, -2:], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
+    text = f"{MARKS['ellipses'].text}, drawn {scale:g} times larger; one sigma {length_text(sigma, 2)}"
+    return {"axes": np.round(drawn, 6).tolist(), "text": text}
 
 
 def _paragraphs(text: str) -> Sequence[str]:
@@ -182,6 +228,8 @@ def _part(setting: LessonSetting, problem: Problem) -> dict:
         "map": None if setting.map is None else setting.map != "none",
         "minima": setting.minima,
         "trails": setting.trails,
+        "ellipses": setting.ellipses,
+        "marks": list(setting.marks) or None,
         "view": None if setting.view is None else CAMERAS[setting.view],
     }
     part = {name: value for name, value in values.items() if value is not None}

@@ -29,9 +29,11 @@ TITLE_PAD = 12.0  # points: a mark at the edge of a map does not reach its title
 
 
 def draw_landscape(
-    self: LandscapePanels, truth=None, *, estimate=None, heading: str = "", log: bool = True, quantity: str = "cost"
+    self: LandscapePanels, truth=None, *, estimate=None, heading: str = "", quantity: str = "cost"
 ) -> Figure:
-    """Return a matplotlib figure of the maps on one scale, diamonds at the lowest costs and the other minima.
+    """Return a matplotlib figure of the maps on one scale, in decibels relative to the highest cost of each map.
+
+    Diamonds mark the lowest costs and the other minima.
 
     Parameters
     ----------
@@ -39,8 +41,6 @@ def draw_landscape(
         True and estimated position of the microphone, metres, drawn as a circle and a cross.
     heading : str, optional
         In place of the usual one.
-    log : bool, optional
-        Whether the scale has decibels re the highest cost of each map, not how far the cost is above its lowest.
     quantity : str, optional
         What the cost is called.
 
@@ -60,8 +60,7 @@ def draw_landscape(
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
-    scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) if log else cost - cost.min()
-              for cost in panels.maps]  # fmt: skip
+    scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) for cost in panels.maps]
     ends = np.array([np.percentile(one, SHOWN) for one in scaled])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     half, (x, y), (ny, nx) = panels.search.step / 2, panels.search.origin[:2], panels.maps.shape[1:]
@@ -79,7 +78,7 @@ def draw_landscape(
         plot_marks(panel, "lowest", minima.lowest)
         plot_marks(panel, "microphones/estimate", inside.get("microphones/estimate"))
         panel.set_title(title, pad=TITLE_PAD)
-    label = f"{quantity} (dB re the highest of each map)" if log else f"{quantity}, above the lowest of each map"
+    label = f"{quantity} (dB re the highest of each map)"
     ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10])
     figure.colorbar(images[-1], ax=axes.tolist(), label=label, ticks=ticks, extend="both", extendfrac=0.02, aspect=40)
     for i, panel in enumerate(axes):

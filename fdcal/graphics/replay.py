@@ -121,7 +121,7 @@ PAGE = Path(__file__).with_name("replay_page")
 PAGE_MARKS = {  # of the table of marks, by how the page calls them
     "true": "microphones/true", "estimate": "microphones/estimate", "known": "microphones/known",
     "error": "microphones/error", "ball": "microphones/ball", "selected": "selected/true", "moved": "selected/estimate",
-    "lowest": "lowest", "minima": "minima", "trail": "trails",
+    "lowest": "lowest", "minima": "minima", "trail": "trails", "pointed": "microphones/pointed", "ellipse": "ellipses",
 }  # fmt: skip
 SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "lesson.js", "address.js", "start.js")
 
@@ -137,16 +137,51 @@ def replay_html(
     problem: Problem | None = None,
     microphone: int | None = None,
     max_bytes: int = MAX_BYTES,
-    lesson: dict | None = None,
     opens_at: str = "",
 ) -> str:
-    """Return the HTML of a run of any solver.
+    """Return the HTML of a run of any solver; parameters as of `run_data`.
+
+    `opens_at`: what it shows where nothing stands after # in its address, as it would stand there.
+    """
+    how = {"problem": problem, "microphone": microphone, "max_bytes": max_bytes}
+    data = run_data(scene, measurement, states, reference_cost, sought, **how)
+    return page_html(title, [data], opens_at)
+
+
+def page_html(title: str, runs: Sequence[dict], opens_at: str = "", lesson: dict | None = None) -> str:
+    """Return the HTML of some runs, of which the page shows one at a time.
+
+    `runs`: each of `run_data`; `lesson`: its steps, each with parts that show a range of the states of one of the runs
+    (`fdcal.commands.gallery_pages`).
+    """
+    data = runs[0] | {"title": title, "lesson": lesson, "opens_at": opens_at, "others": list(runs[1:])}
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    page = {
+        "TITLE": escape(title),
+        "STYLE": (PAGE / "page.css").read_text(encoding="utf-8"),
+        "SCRIPT": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
+        "DATA": text.replace("<", "\\u003c"),  # so that no tag can end in it
+    }
+    return filled((PAGE / "page.html").read_text(encoding="utf-8"), page)
+
+
+def run_data(
+    scene: Scene | None,
+    measurement: Measurement,
+    states: Sequence,
+    reference_cost: ReferenceCost | None = None,
+    sought=None,
+    *,
+    problem: Problem | None = None,
+    microphone: int | None = None,
+    max_bytes: int = MAX_BYTES,
+    parts: Sequence[dict] = (),
+) -> dict:
+    """Return the data of a run of any solver.
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    otherwise the one that the step moved; `lesson`: its steps, each with parts that show a range of the states
-    (`fdcal.commands.gallery_pages`); `opens_at`: what it shows where nothing stands after # in its address, as it would
-    stand there.
+    otherwise the one that the step moved; `parts`: of a lesson, whose ranges of states become those of the states kept.
     """
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind:  # which is drawn at its true positions
@@ -161,21 +196,12 @@ def replay_html(
     each = 4 * N * (D + 3 * corrected) + 4 * len(STATE_NUMBERS) + 8 * numbers  # bytes of a state before they are coded
     most = max(2, int(room / (each * 4 / 3)))
     kept = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
-    parts = [part for step in (lesson or {"steps": []})["steps"] for part in step["parts"]]
     for part in parts:
         part["range"] = np.searchsorted(kept, part["range"]).tolist()
     ends = [end for part in parts for end in part["range"]]
     changing, table = _state_data(measurement, [states[i] for i in kept], reference_cost, sought, ends, corrected)
-    data = _static_data(scene, measurement) | changing | {"title": title, "taken": count, "microphone": microphone}
-    data |= {"maps": maps, "lesson": lesson, "opens_at": opens_at, "packed": packed(arrays | table)}
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    page = {
-        "TITLE": escape(title),
-        "STYLE": (PAGE / "page.css").read_text(encoding="utf-8"),
-        "SCRIPT": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
-        "DATA": text.replace("<", "\\u003c"),  # so that no tag can end in it
-    }
-    return filled((PAGE / "page.html").read_text(encoding="utf-8"), page)
+    data = _static_data(scene, measurement) | changing | {"taken": count, "microphone": microphone}
+    return data | {"maps": maps, "packed": packed(arrays | table)}
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:

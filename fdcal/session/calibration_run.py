@@ -267,7 +267,6 @@ def cost_in_decibels(found: Assessment) -> float | None:
     return cost if np.isfinite(cost) else None
 
 
-DOMAIN_SOLVER = "robust"  # estimates the positions where the solver of the run needs a search domain itself
 DOMAIN_SECONDS = 20.0  # of processor time for the estimate
 
 
@@ -277,7 +276,7 @@ def with_estimated_domain(
     """Return a measurement with a search domain: its own, or one round an estimate of the positions.
 
     The solver of the run estimates the positions, so that they are in its axes, or, of a blind array, in those of the
-    true positions; solver robust does so for one that needs a search domain. A known room is the domain itself.
+    true positions; the default solver does so for one that needs a search domain. A known room is the domain itself.
     """
     if measurement.search is not None:
         return measurement
@@ -285,7 +284,7 @@ def with_estimated_domain(
         corners = [(0.0,) * len(settings.room), settings.room]
         return replace(measurement, search=search_around(corners))
     needs_search = solvers.load(settings.name).TRAITS.needs_search
-    chosen = replace(settings, name=DOMAIN_SOLVER if needs_search else settings.name, start=None)
+    chosen = replace(settings, name=SolverSettings().name if needs_search else settings.name, start=None)
     inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
     try:
         problem = problem_of(inputs)

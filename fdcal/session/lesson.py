@@ -8,7 +8,6 @@ states_of_lesson        the runs that a page of the gallery plays
 from __future__ import annotations
 
 import difflib
-import itertools
 import re
 import typing
 from collections.abc import Iterable
@@ -113,6 +112,11 @@ class LessonStep:
 
     OPTIONAL: typing.ClassVar = ("question", "choices", "answer", "reveal", "page", "then")
 
+    @property
+    def parts(self) -> tuple[LessonSetting, ...]:
+        """The settings before and after the answer; those before alone where the step asks nothing."""
+        return (self.page, self.then) if self.question else (self.page,)
+
 
 @dataclass(frozen=True)
 class Lesson:
@@ -174,16 +178,17 @@ def run_target(run: str) -> tuple[Literal["end"] | Unit, int]:
     return (typing.cast(Unit, match[2]), int(match[1])) if match else ("end", 0)
 
 
-def states_of_lesson(lesson: Lesson, problem: Problem, settings: SolverSettings, seed: int) -> list[list[RunState]]:
-    """Return what the page shows of a lesson in one scene: for each step before and after its answer, the states.
+def states_of_lesson(
+    parts: Iterable[LessonSetting], problem: Problem, settings: SolverSettings, seed: int
+) -> list[list[RunState]]:
+    """Return the states that the page shows for each part of a lesson, all of which have one scene.
 
-    The first is that at which the part begins, the others are those of its run. A step that asks nothing has one part.
+    The first state is that at which the part begins, the others are those of its run.
     """
     solver = solvers.load(settings.name)
     state = begun = solver.init(problem, solvers.with_mode_count(problem, settings), seed)
     shown = []
-    parts = [(step.page, step.then) if step.question else (step.page,) for step in lesson.steps]
-    for setting in itertools.chain(*parts):
+    for setting in parts:
         state = begun if setting.begins or setting.reset else state
         if setting.modes is not None or setting.automatic is not None:
             modes = range(state.first, state.last + 1)

@@ -17,7 +17,7 @@ from ..model.measurement import Measurement, exclude_microphones, load_measureme
 from ..model.scene import Faults, MeasuredScene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import Count, InputError, Seed, convert, declaration, length_text, refusal
-from ..solvers import load, with_mode_count
+from ..solvers import PAPER, load, with_mode_count
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
@@ -268,7 +268,7 @@ def scene_request(scene: Scene) -> OpenRequest:
         one_source = scene.source is not None and len(scene.source.places) == 1
         as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
         if as_in_the_paper and (scene.solver.known, scene.solver.name) == ("all", SolverSettings().name):
-            scene = replace(scene, solver=replace(scene.solver, name="descent", start="random"))
+            scene = replace(scene, solver=replace(scene.solver, name=PAPER, start=None))
     return OpenRequest(scene, fewer_modes=True)
 
 

@@ -23,6 +23,7 @@ from ..model.validation import frozen_array, require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
+PAPER = "descent"  # the solver that is the paper's algorithm; it is no trait, since a page asks before it loads any
 SHARED = {"interface", "levenberg_marquardt", "requirements", "starts"}
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..cost import maps
 from ..cost.basins import basins_of
-from ..cost.eq7 import ORDER_OFFSET, expansion_of
+from ..cost.eq7 import ORDER_OFFSET, decibels, expansion_of
 from ..cost.scale import Minima
 from ..graphics.heatmap import basin_floor, cost_floor, descent_text
 from ..graphics.picture import row_word, z_range_of
@@ -27,7 +27,7 @@ from ..graphics.waves import MAX_WAVES, wave_floor
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import Search
-from ..model.validation import InputError
+from ..model.validation import InputError, Reals
 from ..solvers.interface import RunState
 from .html import error_message
 from .prepare import PreparedRun
@@ -103,14 +103,22 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
         name = "Eq. 7, for comparison" if traits.moves_all else name
         return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
     if traits.uses_likelihood:
-        return "negative log-likelihood"
+        return f"negative log-likelihood above its lowest ({'dB re 1 nat' if request.style.log else 'nats'})"
     # of the pressures as they are
     return f"{name} ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
-def has_decibels(run: PreparedRun, request: CostMapRequest) -> bool:
-    """Return whether the cost of a map can have decibels: of a log-likelihood a difference counts, and no ratio."""
-    return request.order_offset is not None or not run.solver.TRAITS.uses_likelihood
+NAT = 1.0  # difference of log-likelihoods below which two places fit equally well
+
+
+def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest: float | None = None) -> Reals:
+    """Return the costs that a map shows: those of a log-likelihood, whose zero means nothing, above the lowest one.
+
+    `lowest`: that of `cost` unless given. A difference is NAT at least, so that a logarithm can show it.
+    """
+    if request.order_offset is not None or not run.solver.TRAITS.uses_likelihood:
+        return cost
+    return np.maximum(cost - (cost.min() if lowest is None else lowest), NAT)
 
 
 def row_label(measurement: Measurement, mode: int) -> str:
@@ -220,7 +228,12 @@ class CostMap:
     volume: Volume | None = None  # over the floor, or None of a map on the floor alone
     note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
-    decibels: bool = True  # whether its costs can have them
+    # costs of the method's own likelihood are shown in decibels above this one; None for those of Eq. 7
+    base: float | None = None
+
+    def text_of(self, cost: float) -> str:
+        """Return a cost of this map in words."""
+        return f"{decibels(cost if self.base is None else max(cost - self.base, NAT)):.1f} dB"
 
 
 def cost_map(
@@ -231,23 +244,25 @@ def cost_map(
     `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
     `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
     """
-    style, n, decibels = request.style, request.microphone, has_decibels(run, request)
+    style, n = request.style, request.microphone
     here = maps.interpolate(total, search, request.state.positions[n])
-    figures = minima, here, min(here, float(total.min()))  # the lowest cost may lie between lattice points
+    lowest = min(here, float(total.min()))  # it may lie between lattice points
+    shown = above_lowest(run, request, total, lowest)
+    figures, base = (minima, here, lowest), None if shown is total else lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
         basins, (place, name) = basins_of(total), place_of_basin(run, request)
         floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
         note = descent_text(basins, search, place, name)
-        return CostMap(request, floor, panels, *figures, note=note, decibels=decibels)
+        return CostMap(request, floor, panels, *figures, note=note, base=base)
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        total, search, style.log and decibels, label, minima=minima,
+        shown, search, style.log, label, minima=minima,
         relief=style.relief, relief_height=style.relief_height, height=height,
     )  # fmt: skip
-    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures, decibels=decibels)
+    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures, base=base)
 
 
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:

@@ -181,14 +181,13 @@ class Fall:
     """Where a dragged microphone falls."""
 
     path: DescentPath
-    decibels: bool  # whether the cost has them
+    drawn: CostMap  # the map over which it falls
     home: bool | None = None  # whether the path ends in the basin of the true position; None where that is unknown
     distance: float = math.nan  # from its end to the true position, metres; NaN likewise
 
     def cost_text(self, index: int) -> str:
         """The cost at a point of the path, as a text."""
-        cost = float(self.path.costs[index])
-        return f"{10 * math.log10(max(cost, 1e-16)):.1f} dB" if self.decibels else f"{cost:.4g}"
+        return self.drawn.text_of(float(self.path.costs[index]))
 
     @property
     def text(self) -> str:
@@ -358,8 +357,8 @@ class Drop:
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         truth = run.drawn_truth(request.state.positions)
         if truth is None or run.measurement.nominal:
-            return Fall(path, drawn.decibels)
+            return Fall(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
-        return Fall(path, drawn.decibels, bool(home), float(np.linalg.norm(end - place)))
+        return Fall(path, drawn, bool(home), float(np.linalg.norm(end - place)))

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 import viser
 
+from .. import solvers
 from ..assessment.words import state_error_words, state_word
 from ..model.arrays import positions_of
 from ..model.scene import MeasuredScene, load_scene, scene_names
+from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest, scene_request
@@ -183,9 +185,9 @@ class Explore:
     def _methods(viewer: Viewer) -> str:
         """Return the switch between the methods, with that of the run pressed."""
         own, names = viewer.run.scene.solver.name, viewer.tabs.solver.name.options
-        together = viewer.run.solver.TRAITS.moves_all
-        buttons = ""
-        for text, name, pressed in ((ONE, "descent", not together), (ALL, own if together else "robust", together)):
+        together, buttons = viewer.run.solver.TRAITS.moves_all, ""
+        at_once = own if together else SolverSettings().name
+        for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
             state = f"aria-pressed='{str(pressed).lower()}'"
             state += "" if name in names else " disabled title='It needs known microphones'"
             buttons += f"<button data-do='method={name}' {state}>{text}</button>"

@@ -196,13 +196,14 @@ def drawings_html(marks: dict[str, str]) -> str:
 # What Explore calls what a map shows, and its modes.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison", "cost of the method": "misfit",
+    "negative log-likelihood above its lowest (dB re 1 nat)": "misfit above its lowest (dB)",
     "negative log-likelihood": "misfit", "modes": "frequencies", "mode": "frequency",
 }  # fmt: skip
 
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
     """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
-    scale, words = "", f"<p>{escape(hint)}</p>" if hint else ""
+    scale, advice = "", f"<p>{escape(hint)}</p>" if hint else ""
     if bar is not None:
         gradient = ", ".join(css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
         ticks = "".join(
@@ -211,9 +212,10 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
             f" background: currentColor'></div>{text}</div>"
             for share, text in bar.ticks
         )
+        words = re.compile("|".join(map(re.escape, EXPLORE)))
         label, plain = (
             re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(text))
-            for text in (bar.label, re.sub("|".join(EXPLORE), lambda found: EXPLORE[found[0]], bar.label))
+            for text in (bar.label, words.sub(lambda found: EXPLORE[found[0]], bar.label))
         )
         layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
         scale = (
@@ -223,7 +225,7 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
             f"<div style='opacity: 0.85; text-align: center'><span class='expert'>{label}</span>"
             f"<span class='explore'>{plain}</span></div></div>"
         )
-    return f"<div class='fdcal-legend'>{words}{scale}{legend(entries)}</div>"
+    return f"<div class='fdcal-legend'>{advice}{scale}{legend(entries)}</div>"
 
 
 CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js

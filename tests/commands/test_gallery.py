@@ -17,14 +17,14 @@ from fdcal.model.room import folder_of
 from fdcal.model.scene import load_scene
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError, parse_modes
-from fdcal.session.lesson import load_lesson
+from fdcal.session.lesson import lesson_names, load_lesson
 from fdcal.viewer import opening
 
 PAGES = {
-    "index.html", "fig1.html", "ball3d.html", "faults.html", "lesson-1.html",
+    "index.html", "fig1.html", "ball3d.html", "faults.html", "lesson-1.html", "lesson-2.html",
 }  # fmt: skip
 
-LESSON = "3_too_many_too_soon"
+LESSON, SCENES = "3_too_many_too_soon", "5_corner_or_centre"  # one that keeps its scene, one that changes it
 
 FAULTY = """
 [faults]
@@ -62,7 +62,7 @@ def site(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as left:
         shows = [show for show in gallery_pages.SHOWS if show.name not in ("array1", "array2")]
         patch.setattr(gallery_pages, "SHOWS", tuple(small(show, scenes) for show in shows))
-        patch.setattr(gallery_pages, "LESSONS", {LESSON: gallery_pages.LESSONS[LESSON]})
+        patch.setattr(gallery_pages, "LESSONS", {name: gallery_pages.LESSONS[name] for name in (LESSON, SCENES)})
         main(["gallery", "-o", str(folder)])
     assert not left.value.code
     return folder
@@ -95,7 +95,7 @@ def test_the_site_is_complete_small_and_needs_no_network(site):
 def test_every_page_opens_from_the_disk(site, browser):
     with offline_page(browser, site / "index.html", ready="true") as page:
         links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
-        assert len(links) == 4 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 4
+        assert len(links) == 5 and links[0] == "lesson-1.html" and page.get_by_role("img").count() == 5
         for number, link in enumerate(links):
             page.get_by_role("link").nth(number).click()
             page.wait_for_url(f"**/{link}")
@@ -134,10 +134,19 @@ def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
         page.get_by_role("button", name=lesson.steps[1].choices[0]).wait_for()
 
 
-def test_the_lessons_of_the_gallery_keep_their_scene():
-    for lesson in map(load_lesson, gallery_pages.LESSONS):
-        settings = [setting for step in lesson.steps for setting in (step.page, step.then)]
-        assert [setting.begins for setting in settings] == [True] + [False] * (len(settings) - 1)
+def test_each_step_of_a_lesson_shows_the_run_of_its_own_scene(site, browser):
+    assert list(gallery_pages.LESSONS) == lesson_names()
+    lesson, page_path = load_lesson(SCENES), site / "lesson-2.html"
+    first, second = (list(lesson.start(number)[0].gauge.known) for number in (0, 1))
+    with offline_page(browser, page_path, ready=f"replay.data.known.join() == '{','.join(map(str, first))}'") as page:
+        page.get_by_role("button", name=lesson.steps[0].choices[lesson.steps[0].answer - 1]).click()
+        page.keyboard.press("End")
+        page.get_by_text("farther half 21 mm").wait_for()  # the plot, and the text
+        page.get_by_role("button", name="Next step").click()
+        wait_for(page, f"window.replay?.data.known.join() == '{','.join(map(str, second))}'")
+        assert page.evaluate("location.hash").startswith("#part=2")
+        page.get_by_role("button", name="Back").click()
+        wait_for(page, f"window.replay?.data.known.join() == '{','.join(map(str, first))}'")
 
 
 @pytest.fixture

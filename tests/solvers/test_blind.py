@@ -53,7 +53,7 @@ def test_the_page_says_so(blind, estimate):
     largest = f"{1e3 * best(estimate).max():.3g}"
     text = error_line(blind.errors(estimate), blind.blind)
     assert text.startswith("error: mean") and f"largest {largest} mm, after alignment" in text
-    assert f"<td>{largest}</td>" in microphones.table(blind, estimate, None, 0)
+    assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
     assert "align" not in error_line(known.errors(estimate), known.blind)
 

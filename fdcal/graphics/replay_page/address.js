@@ -10,12 +10,14 @@ function readAddress(hash) {
     asked.delete(key);
     if (text != null && (!possible(key, text) || use(text) === false)) refused.push(`${key}=${text.slice(0, 40)}`);
   };
-  if (lesson) enterStep(0);
+  if (runOf(hash) != run) { location.reload(); return; }
+  let entered = false;
   read("part", text => {
     const [one, choice = 0] = text.split(",").map(Number), found = lesson?.steps[one - 1];
     if (!found || choice && !found.choices[choice - 1]) return false;
-    enterStep(one - 1, choice - 1);
+    enterStep(one - 1, choice - 1); entered = true;
   });
+  if (lesson && !entered) enterStep(0);
   for (const [key, values, first] of [["step", step, 0], ["sweep", sweep, 0], ["stage", stage, 1]]) read(key, text => {
     playing = false;
     at = nearestState(values, Number(text) - first);

@@ -3,12 +3,14 @@
 const lesson = data.lesson, SECONDS = 6;  // of a run that plays
 let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
 let veiled = false;  // whether the explanation waits for the end of the run
+let part = {}, ellipsed = false;  // of the lesson; whether error ellipses are drawn
 function unveil() { if (veiled && at >= range[1]) caption(); }
 
 function enterStep(number, choice = -1) {
   const {steps} = lesson, parts = steps.slice(0, number).flatMap(one => one.parts).concat(steps[number].parts.slice(0, choice < 0 ? 1 : 2));
-  const set = Object.assign({}, ...parts), own = parts.at(-1), count = own.range[1] - own.range[0];
-  stepAt = number; answer = choice;
+  const own = parts.at(-1), set = Object.assign({}, ...parts.filter(one => one.run == own.run)), count = own.range[1] - own.range[0];
+  if (own.run != run) { visit(number, choice); return; }
+  stepAt = number; answer = choice; part = own; ellipsed = set.ellipses ?? false;
   giveBack();
   [at, range] = [own.range[0], own.range];
   selected = set.microphone ?? -1; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
@@ -17,6 +19,29 @@ function enterStep(number, choice = -1) {
   if ("view" in own || choice < 0) look((set.view ?? "top") == "top");
   $("speed").value = [...$("speed").options].map(option => option.value).find(rate => rate >= count / SECONDS) ?? 100;
   play(count > 0);
+}
+// The run of another scene is shown once the page is loaded again.
+function visit(number, choice) {
+  const hash = new URLSearchParams({part: choice < 0 ? number + 1 : `${number + 1},${choice + 1}`}), now = new URLSearchParams(addressNow().slice(1));
+  for (const key of ["embed", "theme"]) if (now.has(key)) hash.set(key, now.get(key));
+  clearTimeout(writing);
+  try { history.replaceState(null, "", `#${hash}`); } catch { location.replace(`#${hash}`); }
+  location.reload();
+}
+// At the end of a run: the microphones that the text names, with their errors, and the ellipses.
+function drawNamed(pen, on, now, r, w) {
+  if (ellipsed && at == T - 1) data.ellipses?.axes.forEach(([a, b], n) => {
+    const centre = placeOf(at, n), rim = Array.from({length: 37}, (_, i) => i * Math.PI / 18).map(turn => on(centre.map((v, axis) => v + Math.cos(turn) * a[axis] + Math.sin(turn) * b[axis])));
+    stroke(pen, rim, marks.ellipse.colour, 1.8);
+  });
+  pen.font = "600 13px system-ui, sans-serif";
+  for (const n of part.marks ?? []) {
+    ring(pen, now[n], marks.pointed.reach * r, marks.pointed.colour, Math.max(1.8, r * marks.pointed.width));
+    const text = `microphone ${data.names[n]}${truth ? `: ${mm(distance(at, n))} off` : ""}`, left = now[n][0] > w - 190;
+    pen.textAlign = left ? "right" : "left"; pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
+    for (const write of ["strokeText", "fillText"]) pen[write](text, now[n][0] + (left ? -1 : 1) * 3.2 * r, now[n][1] - 2 * r);
+  }
+  pen.textAlign = "left";
 }
 function caption() {
   veiled = false;
@@ -38,6 +63,7 @@ function caption() {
     for (const text of step.reveal) add("p", text);
     add("p", `Try it: drag a microphone and let it go${descentLattice && free.length > 1 ? ", or take steps of descent" : ""}.`, "dim");
   }
+  if (part.panel && !veiled) add("div", "").innerHTML = part.panel;
   const moves = add("div", "", "moves");
   if (stepAt) button(moves, "Back", () => enterStep(stepAt - 1));
   if (answer >= 0 || !step.question) {

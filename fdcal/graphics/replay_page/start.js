@@ -8,7 +8,8 @@ $("caption").hidden = !lesson;
 $("restarted").hidden = !restarts(0, T - 1).length;
 document.documentElement.classList.toggle("lesson", Boolean(lesson));
 for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
-const shown = {[data.reference]: "true", "this microphone": "ball", estimate: "estimate", known: "known", ...(maps && {"minimum of the map (large: lowest)": "lowest"})};
+const shown = {[data.reference]: "true", "this microphone": "ball", estimate: "estimate", known: "known", ...(maps && {"minimum of the map (large: lowest)": "lowest"}),
+  ...(data.ellipses && {[data.ellipses.text]: "ellipse"}), ...(lesson?.steps.some(one => one.parts.some(({marks}) => marks)) && {"named in the text": "pointed"})};
 $("legend").innerHTML = Object.entries(shown).map(([name, mark]) => `<span class="key"><svg width="18" height="18">${data.marks[mark].symbol}</svg> ${name}</span>`).join("") +
   (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
 $("play").onclick = () => play(!playing);

@@ -1,6 +1,12 @@
 // The run as it plays: scene, curves, table; `show` draws all of it from the variables below.
 const $ = id => document.getElementById(id);
-const data = JSON.parse($("data").textContent);
+const file = JSON.parse($("data").textContent), run = runOf(location.hash), data = Object.assign(file, run && file.others[run - 1]);
+// A lesson has a run for each of its scenes: the part in the address says which of them is shown.
+function runOf(hash) {
+  const [number, choice] = (new URLSearchParams(hash.slice(1)).get("part") ?? "1").split(",").map(Number);
+  const parts = file.lesson?.steps[number - 1]?.parts ?? [{run: 0}];
+  return parts[choice && parts.length > 1 ? 1 : 0].run;
+}
 if (typeof DecompressionStream == "undefined") $("note").textContent = "This browser is too old for the replay; use a version of 2023 or later.";
 const arrays = await unpack(data.packed), {step, sweep, stage, restart, moved, first, last, truth, mean, largest, cost} = arrays;
 const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known), maps = data.maps;
@@ -181,6 +187,7 @@ function scene() {
     pen.strokeText("microphone " + data.names[n], x, now[n][1] + 4); pen.fillText("microphone " + data.names[n], x, now[n][1] + 4);
     pen.textAlign = "left";
   }
+  if (lesson && at >= range[1] && !own) drawNamed(pen, on, now, r, w);
   drawPlay(pen, project, r);
   if (mapShown()) colourBar(pen, w);
   drawnAt = now;

@@ -8,16 +8,15 @@ from collections.abc import Callable
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...cost.eq7 import decibels
 from ...graphics.landscape import mosaic
 from ...graphics.picture import row_word
-from ...graphics.primitives import DARK, LIGHT, format_number
+from ...graphics.primitives import DARK, LIGHT
 from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import CostMap, count_label, has_decibels, modes_label, of_take
+from ..cost_maps import CostMap, above_lowest, count_label, modes_label, of_take
 from ..prepare import PreparedRun
 from ..scheduler import Memo
 from ..state import (
@@ -67,14 +66,11 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     minima = "no local minimum" if not found.count else f"{found.count} local minim{'um' if found.count == 1 else 'a'}"
     several, modes = len(request.modes) > 1, request.modes
     what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
-    if not drawn.decibels:
-        here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
-    else:
-        here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
+    here, lowest = map(drawn.text_of, (drawn.cost_here, drawn.lowest))
     what = f"microphone {request.microphone}, {what}"
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
     if found.end is not None:
-        lowest = f"below {decibels(found.end):.1f} dB" if drawn.decibels else lowest
+        lowest = f"below {drawn.text_of(found.end)}"
     places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
     lowest = f", lowest {lowest}{places}" if request.style.minima else ""
     orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
@@ -240,11 +236,11 @@ def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bo
     positions = np.asarray(request.state.positions)
     truth = run.drawn_truth(positions)
     true = None if truth is None else tuple(truth[n][:2])
-    log, columns = request.style.log and has_decibels(run, request), 2 if several or len(panels.modes) < 6 else 3
+    maps = [above_lowest(run, request, one) for one in (*panels.maps, panels.total)]
     return mosaic(
-        [*panels.maps, panels.total], captions, panels.search, DARK if dark else LIGHT,
+        maps, captions, panels.search, DARK if dark else LIGHT,
         true=true, estimate=tuple(positions[n][:2]), minima=request.style.minima and drawn.fine,
-        log=log, shared=shared, columns=columns,
+        log=request.style.log, shared=shared, columns=2 if several or len(panels.modes) < 6 else 3,
     )  # fmt: skip
 
 

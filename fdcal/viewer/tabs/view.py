@@ -28,7 +28,7 @@ from ...model.validation import InputError, require_choice
 from ...session import session_file
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import ModePanels, fine_panels, has_decibels, map_label, shown_modes, terms_of
+from ..cost_maps import ModePanels, above_lowest, fine_panels, map_label, shown_modes, terms_of
 from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, Choices, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
@@ -147,11 +147,12 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     truth = None if truth is None else truth[n][:2]
     request = snapshot.map_request
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
-    request = replace(request, style=replace(request.style, log=True))
-    log, quantity = has_decibels(snapshot.run, request), map_label(snapshot.run, request).partition(" (")[0]
-    drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading, "log": log, "quantity": quantity}
+    drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading}
+    drawn["quantity"] = map_label(snapshot.run, request).partition(" (")[0]
+    panels = _panels(snapshot, MAX_PANELS)
+    shown = np.stack([above_lowest(snapshot.run, request, one) for one in panels.maps])
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
-    return call(landscape_bytes, file_format, _panels(snapshot, MAX_PANELS), drawn)
+    return call(landscape_bytes, file_format, replace(panels, maps=shown), drawn)
 
 
 def _map(snapshot: PageState) -> bytes:

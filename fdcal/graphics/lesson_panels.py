@@ -1,0 +1,140 @@
+"""What stands below the text of a lesson, on the page and in the gallery: a plot, or a list of channels, as HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from ..assessment.assess import Assessment
+from ..assessment.calibration import Channels
+from ..assessment.words import fault_words
+from ..model.gauge import position_errors
+from ..model.measurement import Measurement
+from ..model.validation import mm_text
+from .glyphs import round_ticks, tick_texts
+from .marks import ESTIMATE, css
+
+MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
+WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # of a chart, its own units; left, top, right, bottom
+FEW = 4  # channels of a list
+STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
+HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
+FAULTY = f" style='font-weight: 700; color: {css(ESTIMATE)}'"  # row of a channel or a position that is wrong
+
+
+def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: Assessment | None) -> str:
+    """Return the panel of a lesson, as `LessonSetting.panel` calls it; "" while it is not known.
+
+    `states`: of the run so far; `found`: the assessment of the last one, or None.
+    """
+    if name == "distance" and (drawn := errors_by_distance(measurement, states)) is not None:
+        x, mean, _ = drawn
+        near, means = x <= np.median(x), []
+        for word, half in (("nearer", near), ("farther", ~near)):
+            level = float(mean[half].mean())
+            means.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
+        return chart(x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), means)
+    if found is None or found.channels is None:
+        return ""
+    if name == "channels":
+        more = measurement.count - FEW
+        below = f"<div style='opacity: 0.75'>and {more} more</div>" if more > 0 else ""
+        return f"<div class='list'>{STYLE}{channel_table(measurement.names, found.channels, FEW)}{below}</div>"
+    if name == "prediction":
+        errors = np.array(found.evidence.microphones_db)
+        faulty = [measurement.names.index(fault.name) for fault in found.channels.faults]
+        labels = "microphone", "error of what the others predict (dB re its power)"
+        return chart(np.arange(len(errors)), errors, labels, red=faulty)
+    return ""
+
+
+def errors_by_distance(measurement: Measurement, states: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return distances from the first known microphone, ascending, mean errors over the states, and those of the last.
+
+    All are of the microphones sought: (F,) float64, metres and mm. None without true positions or known microphones.
+    """
+    truth, known = measurement.positions, measurement.known
+    if truth is None or not len(known):
+        return None
+    free = np.setdiff1d(np.arange(measurement.count), known)
+    distance = np.linalg.norm(truth[free] - truth[known[0]], axis=1)
+    order = np.argsort(distance, kind="stable")
+    errors = 1e3 * np.array([position_errors(state.positions, truth) for state in states])[:, free[order]]
+    errors = np.nan_to_num(errors, nan=MAX_ERROR)
+    mean, last = (np.clip(one, MIN_ERROR, MAX_ERROR) for one in (errors.mean(axis=0), errors[-1]))
+    return distance[order], mean, last
+
+
+def chart(
+    x: np.ndarray, y: np.ndarray, labels: tuple[str, str], means: Sequence[tuple] = (), red: Sequence[int] = ()
+) -> str:
+    """Return points (P,) as SVG with both axes.
+
+    `labels`: of both axes, with their units; `means`: horizontal lines, each from where to where, how high, and a word;
+    `red`: the points that are red.
+    """
+    left, top, right, bottom = EDGES
+    low, high = min(0.0, float(y.min())), max(0.0, 1.15 * float(y.max()), *(1.15 * level for *_, level, _ in means))
+    first, last = float(x.min()), float(x.max())
+
+    def across(value: float) -> float:
+        return left + 8 + (WIDE - left - right - 16) * (value - first) / max(last - first, 1e-9)
+
+    def down(value: float) -> float:
+        return HIGH - bottom - (HIGH - top - bottom) * (value - low) / max(high - low, 1e-9)
+
+    parts = [f"<path class='axes' d='M{left} {top}V{HIGH - bottom}H{WIDE - right}'/>"]
+    for value, text in zip(ticks := round_ticks(low, high, 4), tick_texts(ticks), strict=True):
+        parts.append(f"<text x='{left - 5}' y='{down(value) + 4:.1f}' text-anchor='end'>{text}</text>")
+    for value, text in zip(ticks := round_ticks(first, last, 5), tick_texts(ticks), strict=True):
+        parts.append(f"<text x='{across(value):.1f}' y='{HIGH - bottom + 14}' text-anchor='middle'>{text}</text>")
+    parts.append(f"<text x='{left}' y='10'>{labels[1]}</text>")
+    parts.append(f"<text x='{WIDE - right}' y='{HIGH - 3}' text-anchor='end'>{labels[0]}</text>")
+    for a, b, level, word in means:
+        parts.append(f"<path class='mean' d='M{across(a):.1f} {down(level):.1f}H{across(b):.1f}'/>")
+        at, end = (a, "start") if a - first < last - b else (b, "end")
+        place = f"x='{across(at):.1f}' y='{down(level) - 5:.1f}' text-anchor='{end}'"
+        parts.append(f"<text class='mean' {place}>{word}</text>")
+    for i, (a, b) in enumerate(zip(x, y, strict=True)):
+        parts.append(f"<circle class='{'wrong' if i in red else ''}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='3.6'/>")
+    return f"<svg class='chart' viewBox='0 0 {WIDE} {HIGH}' role='img' aria-label='{labels[1]}'>{''.join(parts)}</svg>"
+
+
+def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
+    """Return a table of the channels, the faulty ones first, `count` rows at most."""
+    faults = {fault.name: fault_words(fault) for fault in channels.faults}
+    rows = []
+    for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:count]:
+        fault, sought = faults.get(names[n], ""), channels.gains_sought
+        style = FAULTY if fault else ""
+        cells = (
+            named(names[n], bool(fault)),
+            f"{channels.gain_db[n]:+z.2f}" + (f" &plusmn; {channels.gain_sigma_db[n]:.2f}" if sought else ""),
+            f"{channels.phase_deg[n]:+z.1f}" + (f" &plusmn; {channels.phase_sigma_deg[n]:.1f}" if sought else ""),
+            f"{channels.noise_db[n]:+z.1f}",
+        )
+        rows.append(row(cells, style))
+        if fault:  # in a row of its own, for the panel is narrow
+            rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
+    return table(HEAD, rows)
+
+
+def table(head: Sequence[str], rows: Sequence[str]) -> str:
+    """Return a table in small type."""
+    columns = "".join(f"<th>{text}</th>" for text in head)
+    return (
+        "<div style='padding: 0.15em 0.75em; line-height: 1.5; font-size: var(--note); overflow-x: auto'>"
+        f"<table class='mics'><tr>{columns}</tr>{''.join(rows)}</table></div>"
+    )
+
+
+def row(cells: Sequence[str], style: str = "") -> str:
+    """Return a row of a table."""
+    return f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
+
+
+def named(name: str, faulty: bool) -> str:
+    """Return the name of a microphone, with a sign where it is faulty."""
+    return ("&#9888; " if faulty else "") + escape(name)
