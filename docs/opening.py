@@ -62,7 +62,7 @@ def main() -> None:
         "found": FOUND, "about": ABOUT,
         "minima": [{"lowest": listed(one.lowest, 3), "others": listed(one.others, 3)} for one in minima],
         "path": listed(path, 3),
-        **look(measurement, heatmap.cost_floor(last, search, True, relief=True, relief_height=opening.RELIEF_HEIGHT)),
+        **look(measurement, heatmap.cost_floor(last, search, True, relief=True)),
     }  # fmt: skip
     data["shown"] = [
         listed(heatmap.normalise(np.array(heatmap.colour_limits(one.cost, True)), *limits, True), 4)
@@ -106,7 +106,7 @@ def look(measurement, floor) -> dict:
     behind = (rulers[:, :, 0] > x1 - NEAR).all(axis=1) | (rulers[:, :, 1] > y1 - NEAR).all(axis=1)  # by the block
     labels = [label for label in picture.labels if label.name.startswith("frame/")]
     labels.sort(key=lambda label: label.name[-1].isdigit())  # a number gives way to the name of its axis
-    height = opening.RELIEF_HEIGHT * max(measurement.search.size[:2])
+    height = heatmap.RELIEF_HEIGHT * max(measurement.search.size[:2])
     corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (base, base + height)]
     return {
         "height": height, "middle": [(x0 + x1) / 2, (y0 + y1) / 2, base], "marker": radius,

@@ -68,7 +68,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     return tuple(meshes)
 
 
-RELIEF_HEIGHT = 0.3  # of a map in relief, of the longer side of the search domain
+RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of a map: so low that no hill hides a hole
 
 
 def cost_floor(
@@ -79,15 +79,14 @@ def cost_floor(
     *,
     minima: Minima | None = None,
     relief: bool = False,
-    relief_height: float = RELIEF_HEIGHT,
     height: float = 0.0,
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
     `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is in decibels re 1, over DECADES decades at most;
     linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
-    unless given; `relief`: whether the map has heights, which rise with the cost, and is shaded; `relief_height`: of
-    the highest cost, of the longer side of the search domain; `height`: of the map, metres.
+    unless given; `relief`: whether the map has heights, which rise with the cost, and is shaded; `height`: of the map,
+    metres.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
@@ -101,7 +100,7 @@ def cost_floor(
     heights = None
     if relief:
         fractions = normalise(cost, *colour_limits(cost, log, WHOLE), log)
-        heights = frozen_array(relief_height * (max(cost.shape) * search.step) * fractions, np.float32)
+        heights = frozen_array(RELIEF_HEIGHT * (max(cost.shape) * search.step) * fractions, np.float32)
         rgb = shaded(rgb, heights, search.step)
     bar = ColourBar(low, high, label)
     return lattice_floor(rgb, search, cost.shape, bar, lowest, height, minima=others, heights=heights)

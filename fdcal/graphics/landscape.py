@@ -1,4 +1,4 @@
-"""Cost maps of one microphone side by side, the paper's Fig. 1: a figure by matplotlib, and an image for a side panel.
+"""Cost maps of one microphone side by side, the paper's Fig. 1: a figure by matplotlib.
 
 matplotlib is loaded with the first figure.
 """
@@ -6,19 +6,15 @@ matplotlib is loaded with the first figure.
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PIL import Image, ImageDraw
 
-from ..cost.maps import LandscapePanels, minima_of
-from ..cost.scale import DECADES, LEAST_RANGE, Minima
-from ..model.settings import Search
-from .annotations import font
-from .heatmap import SHOWN, colour_limits, normalise, to_rgb
-from .marks import MARKS, plot_marks, symbol
-from .primitives import COLOUR_MAP, DARK, Theme
+from ..cost.maps import LandscapePanels
+from ..cost.scale import DECADES, LEAST_RANGE
+from .heatmap import SHOWN
+from .marks import plot_marks
+from .primitives import COLOUR_MAP
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -104,58 +100,3 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
 def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, Any]) -> bytes:
     """Return `figure_bytes` of `draw_landscape`."""
     return figure_bytes(draw_landscape(panels, **drawn), file_format)
-
-
-CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
-FONT_SIZE = 21  # pixels, of the captions over two columns
-DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
-EDGES = {"microphones/true": 31, "minima": 26, "lowest": 37, "microphones/estimate": 31}  # pixels, of symbols
-
-Point = tuple[float, float]
-NONE = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
-
-
-def mosaic(
-    maps: Sequence[np.ndarray],
-    captions: Sequence[str],
-    search: Search,
-    theme: Theme,
-    *,
-    true: Point | None = None,
-    estimate: Point | None = None,
-    minima: bool = True,
-    log: bool = True,
-    shared: bool = False,
-    columns: int = 2,
-) -> np.ndarray:
-    """Return the maps side by side, each with its caption, diamonds at its lowest costs and its minima, and the marks.
-
-    `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
-    `true`, `estimate`: metres; `minima`: whether they are marked; `log`: whether the scales are logarithmic; `shared`:
-    one scale for all maps instead of one for each; `columns`: of maps. Returns (H, W, 3) uint8.
-    """
-    count, largest = len(maps), max(maps[0].shape)
-    height, width = (round(CELL * n / largest) for n in maps[0].shape)
-    rows = -(-count // columns)
-    size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
-    image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
-    draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
-    limits = colour_limits(np.stack(maps), log) if shared else None
-    marked = [minima_of(cost, search) for cost in maps] if minima else [NONE] * count
-    for i, (cost, caption, found) in enumerate(zip(maps, captions, marked, strict=True)):
-        left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP) + CAPTION
-        draw.text((left, top - CAPTION), caption, fill=theme.foreground, font=letters)
-        low, high = limits or colour_limits(cost, log)
-        rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
-        image.paste(Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST), (left, top))
-        groups = ([true], found.others, found.lowest, [estimate])
-        for (name, edge), places in zip(EDGES.items(), groups, strict=True):
-            stamp = symbol(MARKS[name], edge)
-            for place in places:
-                if place is None:
-                    continue
-                across, up = ((place[a] - search.origin[a]) / search.step + 0.5 for a in (0, 1))  # cells
-                x, y = left + across * width / cost.shape[1], top + height * (1 - up / cost.shape[0])
-                if left <= x <= left + width and top <= y <= top + height:
-                    image.paste(stamp, (round(x - edge / 2), round(y - edge / 2)), stamp)
-    return np.asarray(image)

@@ -268,7 +268,7 @@ def scene_request(scene: Scene) -> OpenRequest:
         one_source = scene.source is not None and len(scene.source.places) == 1
         as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
         if as_in_the_paper and (scene.solver.known, scene.solver.name) == ("all", SolverSettings().name):
-            scene = replace(scene, solver=replace(scene.solver, name=PAPER, start=None))
+            scene = replace(scene, solver=replace(scene.solver, name=PAPER, start="random"))
     return OpenRequest(scene, fewer_modes=True)
 
 

@@ -10,7 +10,7 @@ what there is.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -40,7 +40,6 @@ class MapStyle:
 
     log: bool = True  # whether its scale is logarithmic
     relief: bool = False  # whether its heights rise with its colours
-    relief_height: float = 0.3  # of the highest cost, of the longer side of the search domain
     shape: bool = False  # the sound field of the last of the modes instead of a cost
     minima: bool = True  # whether its local minima are marked and counted
     volume: bool = False  # the cost in space instead of on the floor
@@ -73,26 +72,11 @@ class CostMapRequest:
         return mine == theirs and self.lineage is wanted.lineage
 
     def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map with another height of the relief or position of one microphone."""
-        if replace(self, style=replace(self.style, relief_height=wanted.style.relief_height)) == wanted:
-            return True
+        """Whether `wanted` is this map with another position of one microphone."""
         if replace(self, revision=wanted.revision) != wanted:
             return False
         mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
         return mine.shape == theirs.shape and int(np.count_nonzero((mine != theirs).any(axis=1))) <= 1
-
-
-MAX_PANELS = 9  # maps of single modes that are drawn one by one
-
-
-@dataclass(frozen=True)
-class ModePanels:
-    """Maps of single modes, on the lattice of the map on the floor."""
-
-    modes: tuple[int, ...]  # (K,) int, counted from 1
-    maps: np.ndarray  # (K, ny, nx) float64
-    total: np.ndarray  # (ny, nx) float64, the sum over all modes of the request
-    search: Search  # the lattice
 
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
@@ -181,37 +165,33 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
     return tuple(int(mode) for mode in carried if mode <= last)
 
 
-def shown_modes(count: int, max_count: int = MAX_PANELS) -> np.ndarray:
-    """Return which of `count` maps are drawn one by one, evenly spaced : indices."""
-    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(int))
-
-
-def fine_panels(
+def fine_maps(
     run: PreparedRun,
     request: CostMapRequest,
     cancelled: Callable[[], bool] = lambda: False,
-    max_count: int = MAX_PANELS,
-) -> ModePanels | None:
-    """Return the maps of a request on a lattice as fine as the screen, computed mode by mode; None once cancelled.
+    kept: Collection[int] = (),
+) -> tuple[list[Reals], Reals, Search] | None:
+    """Return maps of single modes and their sum on a lattice as fine as the screen, with it; None once cancelled.
 
-    `cancelled`: tells whether the maps are no longer wanted; `max_count`: maps of single modes that are kept. Raises
-    InputError: there is no search domain, or a mode cannot be shown at the order of the request.
+    `cancelled`: tells whether the maps are no longer wanted; `kept`: which of the modes of the request have a map of
+    their own, as indices. Raises InputError: there is no search domain, or a mode cannot be shown at the order of the
+    request.
     """
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    search, shown = maps.refined(problem.search), set(shown_modes(len(modes), max_count).tolist())
+    search = maps.refined(problem.search)
     powers = maps.mode_powers(problem, run.solver, request.state, modes, offset)
     fraction = np.ones(len(modes)) if powers is None else powers / powers.sum()
-    total, kept = np.zeros(1), []
+    total, single = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
             return None
         cost = maps.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
         total = total + fraction[i] * cost
-        if i in shown:
-            kept.append(fraction[i] * cost)
-    return ModePanels(tuple(modes[i] for i in sorted(shown)), np.stack(kept), total, search)
+        if i in kept:
+            single.append(fraction[i] * cost)
+    return single, total, search
 
 
 @dataclass(frozen=True)
@@ -220,7 +200,6 @@ class CostMap:
 
     request: CostMapRequest
     floor: Floor | None
-    panels: ModePanels | None  # ModePanels of some of the single modes and of the sum, which the floor shows; or None
     minima: Minima | None  # of the map; None of the shape of a mode
     cost_here: float  # cost at the estimated position of the microphone
     lowest: float  # lowest cost of the map
@@ -236,13 +215,11 @@ class CostMap:
         return f"{decibels(cost if self.base is None else max(cost - self.base, NAT)):.1f} dB"
 
 
-def cost_map(
-    run: PreparedRun, request: CostMapRequest, total, search: Search, minima: Minima, panels: ModePanels | None = None
-) -> CostMap:
+def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Search, minima: Minima) -> CostMap:
     """Return a finished map on the floor.
 
     `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
-    `total`; `minima`: to be marked; `panels`: maps of single modes, or None.
+    `total`; `minima`: to be marked.
     """
     style, n = request.style, request.microphone
     here = maps.interpolate(total, search, request.state.positions[n])
@@ -254,15 +231,14 @@ def cost_map(
         basins, (place, name) = basins_of(total), place_of_basin(run, request)
         floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
         note = descent_text(basins, search, place, name)
-        return CostMap(request, floor, panels, *figures, note=note, base=base)
+        return CostMap(request, floor, *figures, note=note, base=base)
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        shown, search, style.log, label, minima=minima,
-        relief=style.relief, relief_height=style.relief_height, height=height,
+        shown, search, style.log, label, minima=minima, relief=style.relief, height=height,
     )  # fmt: skip
-    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures, base=base)
+    return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base)
 
 
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
@@ -334,7 +310,8 @@ class CostMapWorker:
             self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
         idle = not running and now - self._since > IDLE_TIME
-        if drawn and idle and not wanted.style.shape and self.worker.wants(wanted):
+        # a finer surface of a relief would take seconds to send
+        if drawn and idle and not (wanted.style.shape or wanted.style.relief) and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         fine, latest = self._fine_worker.latest, self.worker.latest
         if fine is not None and fine.result is not None and fine.request[0] == wanted:
@@ -389,7 +366,7 @@ class CostMapWorker:
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
         here = float("nan") if found is None else float(found[0, 0, 0])
         lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
-        return CostMap(request, floor, None, sampled.minima, here, lowest, fine, volume, note, sampled)
+        return CostMap(request, floor, sampled.minima, here, lowest, fine, volume, note, sampled)
 
     def _compute(self, request: CostMapRequest) -> CostMap | None:
         """On the fast thread: a map over the solver's lattice, or a coarse volume."""
@@ -404,18 +381,16 @@ class CostMapWorker:
             names = [(mode, row_label(run.measurement, mode)) for mode in shown]
             own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
             floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
-            return CostMap(request, floor, None, None, 0.0, 0.0)
+            return CostMap(request, floor, None, 0.0, 0.0)
         if request.style.basins:
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
 
-        def compute() -> tuple[ModePanels, Minima]:
-            each = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search)
-            shown, total = shown_modes(len(modes)), each.sum(axis=0)
-            panels = ModePanels(tuple(modes[i] for i in shown), each[shown], total, search)
-            return panels, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+        def compute() -> tuple[Reals, Minima]:
+            total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)
+            return total, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
 
-        panels, minima = self._costs(compute, _key(request), request.style.basins)
-        return cost_map(run, request, panels.total, search, minima, panels)
+        total, minima = self._costs(compute, _key(request), request.style.basins)
+        return cost_map(run, request, total, search, minima)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
@@ -423,15 +398,9 @@ class CostMapWorker:
         if request.style.volume:
             return self._volume(request, True, cancelled)
 
-        def compute() -> tuple[ModePanels, Minima] | None:
-            panels = fine_panels(self._run, request, cancelled)
-            return None if panels is None else (panels, maps.minima_of(panels.total, panels.search))
+        def compute() -> tuple[Reals, Search, Minima] | None:
+            found = fine_maps(self._run, request, cancelled)
+            return None if found is None else (*found[1:], maps.minima_of(*found[1:]))
 
-        if (found := self._fine_costs(compute, _key(request))) is None:
-            return None
-        panels, minima = found
-        if request.style.relief:  # a finer surface would take seconds to send: only the maps side by side are finer
-            latest = self.worker.latest
-            drawn = None if latest is None or latest.request[0] != request else latest.result
-            return None if drawn is None else replace(drawn, panels=panels, fine=True)
-        return replace(cost_map(self._run, request, panels.total, panels.search, minima, panels), fine=True)
+        found = self._fine_costs(compute, _key(request))
+        return None if found is None else replace(cost_map(self._run, request, *found), fine=True)

@@ -101,8 +101,8 @@ class MicrophonePicker:
         handles.on_drag("left", modifier="shift")(partial(drag, place))
 
     def _movable(self, index: int) -> bool:
-        """Whether a microphone may be dragged: a known one stays, unless it is released."""
-        return self._binding.choices.release or index not in self._binding.run.problem.known
+        """Whether a microphone may be dragged: a known one stays."""
+        return index not in self._binding.run.problem.known
 
     def _drag(self, event, move: Move) -> None:
         """Move a microphone to where the line of sight meets its height inside the search domain."""
@@ -255,7 +255,7 @@ class Drop:
     def inviting(self) -> bool:
         """Whether the microphone of the map can be dragged, and nothing has moved in the session."""
         binding, view = self._binding, self._binding.session.view
-        free = binding.choices.release or binding.choices.microphone not in binding.measurement.known
+        free = binding.choices.microphone not in binding.measurement.known
         return free and self._droppable and self._drag is None and view.count == 1 and not view.running
 
     # Below: the main loop.

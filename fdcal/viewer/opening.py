@@ -14,7 +14,6 @@ from ..model.scene import load_scene
 from ..session.sources import OpenRequest
 
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92  # the mode has the map of most minima
-RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of the map: so low that no hill hides a hole
 MEASUREMENT, FILM, SCRIPT = (
     Path(__file__).with_name(name) for name in ("opening_measurement.npz", "opening.html", "film.js")
 )
@@ -27,6 +26,6 @@ def film_html() -> str:
 
 def opening_request() -> OpenRequest:
     """Return the request for the session of the opening: one mode in relief, with its many minima."""
-    choices = {"relief": True, "relief_height": RELIEF_HEIGHT, "microphone": MICROPHONE, "follow": False}
+    choices = {"relief": True, "microphone": MICROPHONE, "follow": False}
     choices |= {"modes": (MODE,), "descending": True, "objective": False}  # the maps of the film, in its order
     return OpenRequest(load_scene(SCENE), measurement=load_measurement(MEASUREMENT), choices=choices)

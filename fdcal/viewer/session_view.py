@@ -150,7 +150,7 @@ class SessionPicture:
         if dropped is not None and dropped.microphone == microphone:
             self.ball = microphone
             picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
-        elif (floor or volume) and (choices.release or microphone not in self._run.problem.known):
+        elif (floor or volume) and microphone not in self._run.problem.known:
             self.ball = microphone
             picture = overlays.with_ball(picture, positions[microphone], floor)
         if choices.trails:
@@ -159,7 +159,7 @@ class SessionPicture:
             picture = overlays.with_trails(picture, paths, floor)
         if choices.ellipses and uncertainty is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
-            scale = choices.ellipse_scale or overlays.ellipse_scale(uncertainty.axes, extent)
+            scale = overlays.ellipse_scale(uncertainty.axes, extent)
             every = np.arange(len(uncertainty.sigma))
             healthy = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(uncertainty)])
             sigma = root_mean_square(uncertainty.sigma[healthy if len(healthy) else every])  # as the verdict has it

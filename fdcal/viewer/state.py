@@ -5,7 +5,6 @@ The choices, apart from those that belong to the session, are saved with it.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -26,11 +25,10 @@ FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", 
 BASINS = "Basins of attraction"
 VOLUME = "Isosurfaces (3-D)"  # of an array in space
 PICTURE = "Picture (PNG)"  # the first kind of file to save
-ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
 # Choices that another scene keeps.
-KEPT = "trails ellipses ellipse_scale lecture export_kind export_view export_size rate themed dark shared".split()
+KEPT = "trails ellipses lecture export_kind export_view export_size rate themed dark".split()
 
 
 @dataclass(frozen=True)
@@ -45,13 +43,10 @@ class Choices(MapStyle):
     order_offset: int = ORDER_OFFSET
     objective: bool = True  # whether the map shows what the method minimises; else Eq. 7, whatever the method
     dark: bool = False  # whether the page is
-    shared: bool = False  # one scale for all the maps side by side
     trails: bool = False  # whether the path of each estimate is drawn
     ellipses: bool = False  # whether the error ellipses are drawn
-    ellipse_scale: int = 0  # by which the error ellipses are enlarged; 0 for the factor that makes them visible
     lecture: bool = False  # whether the page is shown by a projector
     themed: bool = False  # whether a user has chosen a dark or a light page; else it follows the browser
-    release: bool = False  # whether known microphones can be dragged
     descending: bool = False  # whether modes are added to the map from the highest down; else from the lowest up
     modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
@@ -95,7 +90,7 @@ class Choices(MapStyle):
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "order_offset", "relief_height", "ellipse_scale", "take", *SWITCHES)
+        keys = ("microphone", "modes", "order_offset", "take", *SWITCHES)
         return {key: getattr(self, key) for key in keys}
 
 
@@ -134,25 +129,21 @@ def has_volume(measurement: Measurement) -> bool:
 
 def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
     """Return a value of a request's choices, which may come from a file."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    whole, x = number and isinstance(value, int), float(value) if number else math.nan
+    whole = value if isinstance(value, int) and not isinstance(value, bool) else -1
     numbers = list(value) if isinstance(value, (list, tuple)) else []
     possible = {name: isinstance(value, bool) for name in SWITCHES}
     possible |= {
-        "relief_height": 0.05 <= x <= 1.0,
-        "microphone": whole and 0 <= x < count,
-        "take": value is None or (whole and value in takes),
-        "order_offset": whole and 0 <= x <= MAX_ORDER_OFFSET,
-        "ellipse_scale": whole and value in ELLIPSE_SCALES.values(),
+        "microphone": 0 <= whole < count,
+        "take": value is None or whole in takes,
+        "order_offset": 0 <= whole <= MAX_ORDER_OFFSET,
         "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
     }
     if possible.get(key):
-        return tuple(sorted(set(numbers))) if numbers else x if key == "relief_height" else value
+        return tuple(sorted(set(numbers))) if numbers else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
-        f" order_offset (0 to {MAX_ORDER_OFFSET}), relief_height (0.05 to 1),"
-        f" ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false, {', '.join(SWITCHES)}",
+        f" order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,
     )

@@ -99,7 +99,7 @@ def test_every_page_opens_from_the_disk(site, browser):
         for number, link in enumerate(links):
             page.get_by_role("link").nth(number).click()
             page.wait_for_url(f"**/{link}")
-            wait_for(page, "Boolean(window.replay?.map)")
+            wait_for(page, "Boolean(window.replay && (replay.map || !document.getElementById('map').checked))")
             wait_for(page, "document.getElementById('note').innerText == ''")
             page.go_back()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fdcal.graphics import heatmap, marks
-from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.graphics.primitives import (
     COLOUR_MAP,
@@ -61,11 +61,11 @@ def test_colours_reach_from_the_2nd_to_the_98th_percentile_over_four_decades_at_
     search = Search(origin=(0.0, 0.0), size=(0.9, 0.9), step=0.1)
     cost = 10 ** (np.linspace(-14.1, -14.0, 100).reshape(10, 10) / 10)
     cost[0, 0], cost[9, 9] = 1e-9, 10.0
-    floor = cost_floor(cost, search, log, relief=True, relief_height=0.5)
+    floor = cost_floor(cost, search, log, relief=True)
     ends = np.percentile(10 * np.log10(cost), [2, 98]) if log else np.percentile(cost, [2, 98])
     np.testing.assert_allclose([floor.bar.low, floor.bar.high], ends, atol=1e-5)
     assert ("(dB)" in floor.bar.label) == log
-    assert np.ptp(floor.heights) == pytest.approx(0.5, rel=1e-5), "of all costs"
+    assert np.ptp(floor.heights) == pytest.approx(RELIEF_HEIGHT, rel=1e-5), "of all costs"
     wide = cost_floor(np.logspace(-9, 1, 100).reshape(10, 10), search, True).bar
     assert wide.high - wide.low == pytest.approx(40.0)
     level = cost_floor(1 + 1e-6 * cost, search, True).bar

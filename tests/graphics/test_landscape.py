@@ -7,16 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PIL import ImageColor
 
 from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
-from fdcal.graphics.heatmap import colour_limits, cost_floor, normalise, relief_grid, shaded, to_rgb
-from fdcal.graphics.landscape import CAPTION, CELL, GAP, draw_landscape, figure_bytes, mosaic
-from fdcal.graphics.marks import LOWEST, drape
-from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT
+from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor, relief_grid, shaded
+from fdcal.graphics.landscape import draw_landscape, figure_bytes
+from fdcal.graphics.marks import drape
+from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.graphics.waves import POINTS, wave_floor
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
@@ -103,9 +102,7 @@ def test_heights_rise_with_colours_and_microphones_stand_on_them():
         ends = floor.origin[axis], floor.origin[axis] + floor.size[axis]
         assert (places[0], places[-1]) == pytest.approx(ends), "to the edges of the map"
     np.testing.assert_array_equal(grid[1:-1, 1:-1, 2], floor.heights)
-    for share in (0.1, 0.8):  # what the slider sets
-        other = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True, relief_height=share)
-        assert other.heights.max() == pytest.approx(share * 1.05)
+    assert floor.heights.max() == pytest.approx(RELIEF_HEIGHT * 1.05)
     flat = cost_floor(bowl(0.3, 0.8), SEARCH)
     assert flat.heights is None and drape([[0.3, 0.8]], flat).shape == (1, 2)
 
@@ -114,49 +111,6 @@ def test_a_cost_of_both_signs_has_a_linear_scale():
     floor = cost_floor(-bowl(0.3, 0.8), SEARCH, log=True)
     assert floor.bar.low < floor.bar.high < 0 and "(dB)" not in floor.bar.label
     assert np.isfinite([share for share, _ in floor.bar.ticks]).all()
-
-
-def cell(image, i, columns):
-    left, top = (i % columns) * (CELL + GAP), (i // columns) * (CELL + CAPTION + GAP) + CAPTION
-    return image[top : top + CELL, left : left + CELL].astype(int)
-
-
-def at(tile, x, y):
-    """Pixel of a map at the position (x, y), metres; the map covers half a step more on each side."""
-    place = (np.array([x, 1.0 - y]) + SEARCH.step / 2) / (1.0 + SEARCH.step)
-    column, row = np.clip((place * CELL).astype(int), 0, CELL - 1)
-    return tile[row, column]
-
-
-def test_each_map_stands_in_its_place_with_its_marks():
-    maps, true, here = [bowl(0.2, 0.2), bowl(0.8, 0.4), bowl(0.5, 0.9)], (0.5, 0.2), (0.7, 0.7)
-    image = mosaic(maps, ["a", "b", "c"], SEARCH, LIGHT, true=true, estimate=here, log=False, columns=2)
-    for i, lowest in enumerate([(0.2, 0.2), (0.8, 0.4), (0.5, 0.9)]):
-        tile = cell(image, i, 2)
-        assert np.abs(at(tile, *here) - (214, 24, 40)).max() < 30, "the red cross"
-        dark = to_rgb(np.zeros(1))[0].astype(int)
-        assert np.abs(at(tile, *lowest) - dark).max() < 12, "darkest in the middle of the diamond"
-        reach = 13 / CELL * 1.05
-        rim = [
-            at(tile, lowest[0] + reach * dx, lowest[1] + reach * dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        assert min(np.abs(pixel - LOWEST).max() for pixel in rim) < 60, "the orange diamond"
-
-
-def test_one_scale_for_all_or_each_its_own():
-    maps = [bowl(0.5, 0.5, 0.0), bowl(0.5, 0.5, 0.5)]
-    own = mosaic(maps, ["", ""], SEARCH, LIGHT, log=False, shared=False)
-    shared = mosaic(maps, ["", ""], SEARCH, LIGHT, log=False, shared=True)
-    np.testing.assert_array_equal(at(cell(own, 0, 2), 0.0, 0.0), at(cell(own, 1, 2), 0.0, 0.0))
-    low, high = colour_limits(np.stack(maps), False)
-    wanted = to_rgb(normalise(maps[1][:1, :1], low, high, False))[0, 0]
-    np.testing.assert_array_equal(at(cell(shared, 1, 2), 0.0, 0.0), wanted)
-    assert (at(cell(shared, 0, 2), 0.0, 0.0) != wanted).any()
-
-
-def test_a_dark_page_gets_dark_ground():
-    image = mosaic([bowl(0.5, 0.5)] * 3, ["one"] * 3, SEARCH, DARK)
-    np.testing.assert_array_equal(image[-1, -1], ImageColor.getrgb("#242424"))
 
 
 def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_microphone_measures(measured):

@@ -42,7 +42,6 @@ def test_controls_without_effect_are_hidden(controls):
         state = dataclasses.replace(session.view.state, finished=finished)
         view.show(PageState(dataclasses.replace(session.view, state=state), picture=picture))
         assert view.ellipses_text.visible == seen and (not seen or "appear when" in view.ellipses_text.content)
-        assert view.scale.visible == ellipses
     assert export.size.visible and export.view.visible
     set_by_client(export.kind, "Replay (HTML)")
     assert not export.size.visible and not export.view.visible, "only a picture has a size and a view"

@@ -19,7 +19,7 @@ from replays import contents
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.maps import map_positions, minima_of
+from fdcal.cost.maps import map_positions
 from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.marks import ESTIMATE, LOWEST
 from fdcal.graphics.overlays import with_volume
@@ -30,13 +30,12 @@ from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker
+from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, fine_maps
 from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.state import VOLUME, Choices, PageState, initial_choices, kind_of
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import MapTab, caption
 from fdcal.viewer.tabs.view import caption as caption_of
-from fdcal.viewer.tabs.view import panels_on_screen
 
 
 def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
@@ -138,21 +137,6 @@ def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(s
     assert worker._fine_worker.wait_for(lambda latest: latest is not None, WAIT) and begun
 
 
-def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_path):
-    import pyvista
-
-    path = tmp_path / "map.vti"
-    path.write_bytes(exports.KINDS["Map (VTI for ParaView)"].make(snapshot))
-    grid = pyvista.read(path)
-    assert grid.dimensions[:2] == drawn.floor.rgb.shape[1::-1], "as fine as the screen"
-    total = grid["sum"].reshape(drawn.panels.total.shape)
-    np.testing.assert_allclose(total, drawn.panels.total, rtol=1e-6)
-    assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.lowest[0])
-    marked = minima_of(total.astype(float), drawn.panels.search)
-    assert np.allclose(marked.lowest, drawn.floor.lowest) and np.allclose(marked.others, drawn.minima.others)
-    assert path.stat().st_size < 30e6
-
-
 def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     figures = []
     monkeypatch.setattr(
@@ -161,9 +145,10 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
     panels = [axes for axes in figures[0].axes if axes.images]
     assert len(panels) == len(MODES) + 1
-    for axes, cost in zip(panels, [*drawn.panels.maps, drawn.panels.total], strict=True):
+    single, total, search = fine_maps(snapshot.run, snapshot.map_request, kept=range(len(MODES)))
+    for axes, cost in zip(panels, [*single, total], strict=True):
         lines = {line.get_label(): line for line in axes.lines}
-        lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), drawn.panels.search)[0]
+        lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), search)[0]
         for label, place in (
             ("lowest cost", lowest),
             ("true", snapshot.run.measurement.positions[MICROPHONE]),
@@ -191,19 +176,6 @@ def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter):
     data, arrays, places = contents(made["-replay.html"].decode())
     assert np.abs(places - [one.positions for one in snapshot.view.history]).max() < 1e-8
     assert data["maps"]["modes"] and "pressures" in arrays, "the replay of the page maps the cost, too"
-
-
-def test_a_file_takes_the_maps_that_are_on_the_screen_and_computes_others(snapshot, drawn):
-    shown = dataclasses.replace(snapshot, drawn=drawn)
-    found = panels_on_screen(shown, 8)
-    assert found.modes == MODES and found.total is drawn.panels.total and panels_on_screen(shown, 2).modes == (7, 20)
-    for changes in (
-        {"microphone": MICROPHONE + 1},
-        {"choices": dataclasses.replace(shown.choices, modes=(7,))},
-        {"drawn": dataclasses.replace(drawn, fine=False)},
-        {"drawn": None},
-    ):
-        assert panels_on_screen(dataclasses.replace(shown, **changes), 8) is None
 
 
 @pytest.fixture(scope="module")
@@ -286,19 +258,6 @@ def test_basins_in_space_are_a_layer_without_isosurfaces(worker, space):
     assert any(tuple(middle) == area.colour for area in drawn.floor.areas)
 
 
-def test_the_vti_file_has_the_volume(space, tmp_path):
-    import pyvista
-
-    path = tmp_path / "volume.vti"
-    path.write_bytes(exports.KINDS["Map (VTI for ParaView)"].make(space))
-    grid = pyvista.read(path)
-    assert min(grid.dimensions) > 40
-    lowest = grid.points[np.argmin(grid["cost_dB"])]
-    assert np.linalg.norm(lowest - space.run.measurement.positions[MICROPHONE]) < 0.05
-    place = grid.find_closest_point(space.view.state.positions[MICROPHONE])
-    np.testing.assert_allclose(10 ** (grid["cost_dB"][place] / 10), grid["cost"][place], rtol=1e-5)
-
-
 def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, work, controls):
     assert VOLUME not in controls[0].map.kinds
     binding = Binding(server.gui, run, 20)
@@ -312,8 +271,8 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     )
     assert kept.style.volume, "as it was saved"
     assert not initial_choices(work, 5, choices).style.volume, "another array gets none that it cannot have"
-    wrong = OpenRequest(run.scene, choices={"relief_height": "w"})
-    with pytest.raises(InputError, match="relief_height"):
+    wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
+    with pytest.raises(InputError, match="order_offset"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
 
 

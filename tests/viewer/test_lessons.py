@@ -312,11 +312,9 @@ def set_oddly(viewer):
     main.map.choose_modes((2, 3, 6))
     viewer.binding.choose(objective=True, order_offset=3, log=False, minima=False, trails=True, ellipses=True)
     main.view.darken(True)
-    set_by_client(main.export.kind, "Map (VTI for ParaView)")
-    switches = (main.view.release, main.maps.shared, main.scene.noise)
+    set_by_client(main.export.kind, "Microphones (CSV)")
     for control, value in (
-        *((switch, True) for switch in switches),
-        (main.map.relief, 60),
+        (main.scene.noise, True),
         (main.scene.radius, 0.31),
         (main.scene.walls, "absorbing"),
     ):

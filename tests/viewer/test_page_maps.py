@@ -75,23 +75,6 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
     assert shown(viewer) is None and mapped(viewer) == 7
 
 
-def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
-    side = viewer.tabs.maps.worker
-    viewer.tick(0.0)
-    assert side.latest is None
-    images = []
-    for now in (1e9, 3e9):
-        mapped(viewer)
-        viewer.tick(now)
-        assert side.wait_for(lambda _: not side.busy, WAIT)
-        viewer.tick(now + 1e9)
-        images.append(viewer.tabs.maps.image.image)
-        set_by_client(viewer.tabs.view.dark, True)
-        viewer.tick(now + 2e9)
-        assert viewer.snapshot.picture.floor is not None, "the map stays meanwhile: the gate lets no other pass"
-    assert images[0].ndim == 3 and images[1] is not images[0] and images[1].shape == images[0].shape
-
-
 def step_to(viewer, *states, **changes):
     """Let the session show the last of some states of its run."""
     session = viewer.run.session
@@ -115,9 +98,9 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
 def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
     rung = []
     tab = map.MapTab(Binding(server.gui, work, 6, wake=lambda: rung.append(True)))
-    set_by_client(tab.relief, 50)
+    set_by_client(tab.order, 2)
     assert work.session.ways == 1 and rung
-    set_by_client(tab.relief, 60, client=False)
+    set_by_client(tab.order, 3, client=False)
     assert work.session.ways == 1, "the user has not moved it"
     server.gui.reset()
 

@@ -226,7 +226,7 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
 def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, scene, measurement):
     client = browser(900, 700)
     camera = client.camera
-    floor = cost_floor(np.random.default_rng(1).uniform(1, 2, (20, 20)), scene.search, relief=True, relief_height=0.6)
+    floor = cost_floor(np.random.default_rng(1).uniform(1, 2, (20, 20)), scene.search, relief=True)
     for view, follows in (("top", False), ("close", True)):
         placed.picture = compose(scene, measurement)
         placed.place(client, view)

@@ -265,7 +265,5 @@ def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(p
     sigma = re.search(r"one sigma [\d.]+ mm", page.viewer.tabs.run_bar.verdict.content)[0]
     set_by_client(view.ellipses, True)
     turn_until(lambda: re.search(rf"drawn \d+ times larger; {sigma}", legend.content))
-    set_by_client(view.scale, "True")
-    turn_until(lambda: "error ellipse (95 %)" in legend.content and "larger" not in legend.content)
     set_by_client(view.ellipses, False)
     turn_until(lambda: "error ellipse" not in legend.content)

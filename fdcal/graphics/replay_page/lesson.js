@@ -13,7 +13,7 @@ function enterStep(number, choice = -1) {
   stepAt = number; answer = choice; part = own; ellipsed = set.ellipses ?? false;
   giveBack();
   [at, range] = [own.range[0], own.range];
-  selected = set.microphone ?? -1; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
+  selected = set.microphone >= 0 ? set.microphone : oneMoves ? -1 : free[0] ?? 0; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
   $("map").checked = set.map ?? true; $("trails").checked = set.trails ?? false;
   caption();
   if ("view" in own || choice < 0) look((set.view ?? "top") == "top");
@@ -29,15 +29,16 @@ function visit(number, choice) {
   location.reload();
 }
 // At the end of a run: the microphones that the text names, with their errors, and the ellipses.
+const namedNow = () => lesson && at >= range[1] && !own ? part.marks ?? [] : null;
 function drawNamed(pen, on, now, r, w) {
   if (ellipsed && at == T - 1) data.ellipses?.axes.forEach(([a, b], n) => {
     const centre = placeOf(at, n), rim = Array.from({length: 37}, (_, i) => i * Math.PI / 18).map(turn => on(centre.map((v, axis) => v + Math.cos(turn) * a[axis] + Math.sin(turn) * b[axis])));
     stroke(pen, rim, marks.ellipse.colour, 1.8);
   });
   pen.font = "600 13px system-ui, sans-serif";
-  for (const n of part.marks ?? []) {
+  for (const n of namedNow()) {
     ring(pen, now[n], marks.pointed.reach * r, marks.pointed.colour, Math.max(1.8, r * marks.pointed.width));
-    const text = `microphone ${data.names[n]}${truth ? `: ${mm(distance(at, n))} off` : ""}`, left = now[n][0] > w - 190;
+    const text = `microphone ${data.names[n]}${truth ? `: ${mm(distance(at, n))} off` : ""}`, left = now[n][0] > w - 240;
     pen.textAlign = left ? "right" : "left"; pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
     for (const write of ["strokeText", "fillText"]) pen[write](text, now[n][0] + (left ? -1 : 1) * 3.2 * r, now[n][1] - 2 * r);
   }
@@ -48,12 +49,14 @@ function caption() {
   const step = lesson.steps[stepAt], last = stepAt == lesson.steps.length - 1, box = document.createElement("div");
   const add = (tag, text, kind = "") => { const one = document.createElement(tag); one.textContent = text; one.className = kind; box.append(one); return one; };
   const button = (parent, text, act, kind) => { const one = document.createElement("button"); one.textContent = text; one.className = kind ?? ""; one.onclick = act; parent.append(one); };
+  const panel = () => { if (part.panel) add("div", "").innerHTML = part.panel; };
   add("div", `Step ${stepAt + 1} of ${lesson.steps.length}`, "dim");
   if (answer < 0) for (const text of step.text) add("p", text);
   if (step.question) add("b", step.question);
   if (step.question && answer < 0) {
     const choices = add("div", "", "choices");
     step.choices.forEach((text, i) => button(choices, text, () => enterStep(stepAt, i)));
+    panel();
   } else if (veiled = step.question && at < range[1]) {
     add("div", `Your answer: ${step.choices[answer]}`);
     add("p", "The explanation follows when the run has ended.", "dim");
@@ -61,9 +64,9 @@ function caption() {
     step.choices.forEach((text, i) => { if (i == answer || i == step.answer) add("div", `${i == step.answer ? "✓" : "✗"} ${text}`); });
     add("b", answer == step.answer ? "Right." : "Not quite.");
     for (const text of step.reveal) add("p", text);
+    panel();
     add("p", `Try it: drag a microphone and let it go${descentLattice && free.length > 1 ? ", or take steps of descent" : ""}.`, "dim");
   }
-  if (part.panel && !veiled) add("div", "").innerHTML = part.panel;
   const moves = add("div", "", "moves");
   if (stepAt) button(moves, "Back", () => enterStep(stepAt - 1));
   if (answer >= 0 || !step.question) {

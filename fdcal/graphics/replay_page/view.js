@@ -184,10 +184,10 @@ function scene() {
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
     const left = now[n][0] > w - 150, x = left ? Math.min(now[n][0] - 2.4 * r, w - 4) : Math.max(now[n][0] + 2.4 * r, 4);
     pen.textAlign = left ? "right" : "left";
-    pen.strokeText("microphone " + data.names[n], x, now[n][1] + 4); pen.fillText("microphone " + data.names[n], x, now[n][1] + 4);
+    if (!namedNow()?.includes(n)) for (const write of ["strokeText", "fillText"]) pen[write]("microphone " + data.names[n], x, now[n][1] + 4);
     pen.textAlign = "left";
   }
-  if (lesson && at >= range[1] && !own) drawNamed(pen, on, now, r, w);
+  if (namedNow()) drawNamed(pen, on, now, r, w);
   drawPlay(pen, project, r);
   if (mapShown()) colourBar(pen, w);
   drawnAt = now;

@@ -1,22 +1,17 @@
-"""The tab Map: of which microphone and modes the map is, how it is drawn; and the maps of single modes beside it.
-
-Those are one image, drawn on a thread of its own: a drag does not wait for it.
-"""
+"""The tab Map: of which microphone and modes the map is, and how it is drawn."""
 
 from collections.abc import Callable
 
 import numpy as np
 
 from ...acoustics.dictionary import max_order
-from ...graphics.landscape import mosaic
 from ...graphics.picture import row_word
-from ...graphics.primitives import DARK, LIGHT
 from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import CostMap, above_lowest, count_label, modes_label, of_take
+from ..cost_maps import CostMap, count_label, modes_label, of_take
 from ..prepare import PreparedRun
 from ..scheduler import Memo
 from ..state import (
@@ -103,11 +98,6 @@ class MapTab(Tab):
 
         mapped, of_cost = of_kind(FLOOR, RELIEF, SHAPE, BASINS, VOLUME), of_kind(FLOOR, RELIEF, BASINS, VOLUME)
         self.kind = binding.dropdown("Show", self.kinds, kind_of, self.show_as, visible=self._possible)
-        self.relief = binding.slider(
-            "Relief height (%)", 5, 100, 5, lambda choices: round(100 * choices.relief_height),
-            lambda value: choose(relief_height=value / 100), visible=of_kind(RELIEF),
-            hint="Of the highest cost, of the longer side of the map",
-        )  # fmt: skip
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
             command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
@@ -214,86 +204,3 @@ class MapTab(Tab):
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
         words = drawn and self._caption(lambda: caption(drawn, run.measurement, orders_text(run, drawn)), drawn)
         self.caption.content = html.complaint(choices.modes_error) + (words or html.remark(tick.reason or reason))
-
-
-IMAGE_INTERVAL = 0.2  # s at least between two images
-PAUSES = 10  # by how much longer that is than an image takes: the map on the floor needs the processor, too
-
-
-def panel_image(run: PreparedRun, drawn: CostMap, dark: bool = False, shared: bool = False) -> np.ndarray | None:
-    """Return the maps of single modes beside their sum as one image (H, W, 3) uint8, or None without such maps.
-
-    `dark`: whether the page is; `shared`: whether all maps have one scale.
-    """
-    request, panels = drawn.request, drawn.panels
-    if panels is None:
-        return None
-    n, f, takes = request.microphone, run.measurement.frequencies, run.measurement.takes
-    several = run.measurement.take_count > 1 and request.take is None
-    captions = [f"{m}: {f[m - 1]:.1f} Hz" + (f", take {takes[m - 1]}" if several else "") for m in panels.modes]
-    count = len(request.modes)
-    captions.append(f"sum of {count}" if count > 1 else f"sum (one {row_word(run.measurement)})")
-    positions = np.asarray(request.state.positions)
-    truth = run.drawn_truth(positions)
-    true = None if truth is None else tuple(truth[n][:2])
-    maps = [above_lowest(run, request, one) for one in (*panels.maps, panels.total)]
-    return mosaic(
-        maps, captions, panels.search, DARK if dark else LIGHT,
-        true=true, estimate=tuple(positions[n][:2]), minima=request.style.minima and drawn.fine,
-        log=request.style.log, shared=shared, columns=2 if several or len(panels.modes) < 6 else 3,
-    )  # fmt: skip
-
-
-class MapsPanel(Tab):
-    """Owns the controls of the tab, and what draws the maps.
-
-    `image`: control that shows the maps.
-    """
-
-    where, order = "Map", 3
-
-    def __init__(self, binding: Binding):
-        self._binding, gui = binding, binding.gui
-        self._shown: np.ndarray | None = None
-        self._requested = Memo()  # of what an image was requested last, and when
-        self._since = -1e9  # s, when that was
-        with gui.add_folder(f"{binding.row.capitalize()} by {binding.row}", expand_by_default=False):
-            self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92, visible=False)
-            self.caption = gui.add_html(panels_caption(None, binding.measurement))
-            self.shared = binding.checkbox(
-                "Same scale", lambda choices: choices.shared, lambda value: binding.choose(shared=value),
-                hint="One scale for all maps instead of one for each",
-            )  # fmt: skip
-        self.worker = binding.threads.job(lambda *wanted: panel_image(binding.run, *wanted))
-
-    def show(self, tick: PageState) -> None:
-        """Show the newest image of the map on the floor, perhaps of one before."""
-        drawn, now, choices, latest = tick.drawn, tick.now, self._binding.choices, self.worker.latest
-        there = drawn is not None and drawn.panels is not None
-        if drawn is not None and there:  # request another one where the map has changed, not more often than is good
-            of = drawn.panels, drawn.request.style.log, drawn.request.style.minima, choices.dark, choices.shared
-            pause = IMAGE_INTERVAL if latest is None else max(IMAGE_INTERVAL, PAUSES * (latest.ended - latest.began))
-            if not self._requested.get(*of) and now - self._since > pause and not self.worker.busy:
-                self._since = self._requested(lambda: now, *of)
-                self.worker.request(drawn, choices.dark, choices.shared)
-        image = latest.result if latest is not None and there else None
-        if image is self._shown:
-            return
-        self._shown = image
-        self.image.visible = image is not None
-        if image is not None:
-            self.image.image = image
-        self.caption.content = panels_caption(drawn, self._binding.measurement, choices.shared)
-
-
-def panels_caption(drawn: CostMap | None, measurement: Measurement, shared: bool = False) -> str:
-    """Return what the maps show, as HTML; `shared`: whether all have one scale."""
-    if drawn is None or drawn.panels is None:
-        return f"<div style='{html.CARD} opacity: 0.65'>no maps</div>"
-    request, word = drawn.request, row_word(measurement)
-    scale = "one scale for all maps" if shared else "each map with its own scale"
-    summed = count_label(measurement, request.modes)
-    return (
-        f"<div style='{html.CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
-        f" ({summed}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
-    )

@@ -21,7 +21,6 @@ from ..cost_maps import (
     CostMap,
     CostMapRequest,
     MapStyle,
-    ModePanels,
     carried_modes,
     cost_map,
     count_label,
@@ -107,7 +106,6 @@ class SweepTab(Tab):
         self._playing: Playback | None = None
         self._wanted: CostMapRequest | None = None  # of the last sweep that was asked for
         self._revision, self._curve, self._drawn = NOT_ASKED, Memo(), Memo()
-        self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._last: CostMap | None = None  # the map that was shown last
         self._alone, self._label = False, f"Add {row}s one by one"
         series = (
@@ -216,9 +214,7 @@ class SweepTab(Tab):
 
         While it plays, the map of the modes before stays until the next one is there.
         """
-        if drawn is not None:
-            self._panels = drawn.panels
-        sweep, style, panels, found, swept = self._sweep, wanted.style, self._panels, drawn, None
+        sweep, style, found, swept = self._sweep, wanted.style, drawn, None
         if sweep is not None and not (style.relief or style.shape or style.volume):
             of = sweep.request
             same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
@@ -228,9 +224,9 @@ class SweepTab(Tab):
 
             def draw() -> CostMap:
                 floor = swept.floor and replace(swept.floor, show_minima=style.minima)
-                return replace(swept, request=wanted, floor=floor, fine=True, panels=panels)
+                return replace(swept, request=wanted, floor=floor, fine=True)
 
-            found = self._drawn(draw, swept, style.minima, panels)
+            found = self._drawn(draw, swept, style.minima)
         last, reason = self._last, reason if swept is None else ""
         if found is None and not reason and self.playing and last is not None:
             kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style

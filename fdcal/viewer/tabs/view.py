@@ -16,20 +16,17 @@ import viser
 
 from ...assessment.result_file import position_table
 from ...assessment.words import error_line, modes_words
-from ...cost.maps import LandscapePanels, panels_of
-from ...graphics import exports
+from ...cost.maps import panels_of
 from ...graphics.landscape import landscape_bytes
-from ...graphics.picture import z_range_of
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
-from ...graphics.volume import sampled_volume
 from ...model.libraries import call
 from ...model.validation import InputError, require_choice
 from ...session import session_file
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import ModePanels, above_lowest, fine_panels, map_label, shown_modes, terms_of
-from ..state import ELLIPSE_SCALES, PICTURE, VIEWS, Choices, PageState
+from ..cost_maps import above_lowest, fine_maps, map_label
+from ..state import PICTURE, VIEWS, Choices, PageState
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -58,16 +55,7 @@ class ViewTab(Tab):
             "Error ellipses (95\N{NO-BREAK SPACE}%)", lambda choices: choices.ellipses,
             lambda value: choose(ellipses=value), hint=ELLIPSES_LATER,
         )  # fmt: skip
-        self.scale = binding.dropdown(
-            "Ellipse size", tuple(ELLIPSE_SCALES), lambda choices: _label(ELLIPSE_SCALES, choices.ellipse_scale),
-            lambda value: choose(ellipse_scale=ELLIPSE_SCALES[value]), visible=lambda choices: choices.ellipses,
-            hint="Automatic enlarges ellipses that are too small to be seen",
-        )  # fmt: skip
         self.ellipses_text = gui.add_html("", visible=False)
-        self.release = binding.checkbox(
-            "Release known", lambda choices: choices.release, lambda value: choose(release=value),
-            visible=bool(len(binding.run.problem.known)), hint="Known microphones can be dragged, too",
-        )  # fmt: skip
         self.refresh()
 
     def darken(self, dark: bool, preferred: bool = False) -> None:
@@ -95,19 +83,6 @@ def caption(state: PageState) -> str:
     return f"{state.run.scene.title}: step {shown.step}, {modes_words(state.run.measurement, shown.first, shown.last)}"
 
 
-def panels_on_screen(state: PageState, count: int) -> ModePanels | None:
-    """Return the maps that are on the screen, `count` single modes at most; None where they are coarse."""
-    drawn, wanted = state.drawn, state.map_request
-    if drawn is None or drawn.panels is None or not drawn.fine or drawn.request.style.shape:
-        return None
-    shown = drawn.request
-    names = ("microphone", "modes", "order_offset")
-    if shown.state is not wanted.state or any(getattr(shown, one) != getattr(wanted, one) for one in names):
-        return None
-    kept, modes = shown_modes(len(drawn.panels.modes), count), drawn.panels.modes
-    return replace(drawn.panels, modes=tuple(modes[i] for i in kept), maps=drawn.panels.maps[kept])
-
-
 MAX_WAITING = 8  # files that may wait to be made
 MAX_PANELS = 8  # maps of single modes in a figure
 REPLAY_BYTES = 300_000  # of a run as a page, which can be sent by mail
@@ -130,16 +105,6 @@ def _picture(snapshot: PageState) -> bytes:
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
 
-def _panels(snapshot: PageState, count: int) -> LandscapePanels:
-    """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
-    run, request = snapshot.run, snapshot.map_request
-    panels = panels_on_screen(snapshot, count) or fine_panels(run, request, max_count=count)
-    if panels is None:
-        raise ValueError("maps without cancellation must be complete")
-    f, modes = run.measurement.frequencies, len(request.modes)
-    return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
-
-
 def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
     positions = snapshot.view.state.positions
@@ -149,24 +114,15 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading}
     drawn["quantity"] = map_label(snapshot.run, request).partition(" (")[0]
-    panels = _panels(snapshot, MAX_PANELS)
+    kept = np.unique(np.linspace(0, len(request.modes) - 1, min(len(request.modes), MAX_PANELS)).round().astype(int))
+    found = fine_maps(snapshot.run, request, kept=kept.tolist())
+    if found is None:
+        raise ValueError("maps without cancellation must be complete")
+    (single, total, search), modes = found, [request.modes[i] for i in kept]
+    panels = panels_of(single, total, modes, measurement.frequencies, n, search, len(request.modes))
     shown = np.stack([above_lowest(snapshot.run, request, one) for one in panels.maps])
     # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
     return call(landscape_bytes, file_format, replace(panels, maps=shown), drawn)
-
-
-def _map(snapshot: PageState) -> bytes:
-    if snapshot.choices.volume:
-        terms = terms_of(snapshot.run.problem, snapshot.map_request)
-        sampled = None if terms is None else sampled_volume(terms)
-        if sampled is None:
-            raise ValueError("a volume without cancellation must be complete")
-        return exports.volume_vti(sampled.cost, sampled.search).encode()
-    place = snapshot.view.state.positions[snapshot.microphone]
-    height = float(place[2]) if len(place) == 3 else z_range_of(snapshot.run.known_scene, snapshot.run.measurement)[0]
-    panels = _panels(snapshot, MAX_PANELS)
-    panels = replace(panels, maps=panels.maps.astype(np.float32))
-    return exports.landscape_vti(panels, height).encode()
 
 
 def _table(snapshot: PageState) -> bytes:
@@ -207,12 +163,6 @@ KINDS = {
     ),
     "Maps as in Fig. 1 (SVG)": Kind(
         "-maps.svg", "The same figure as vector graphics, for print.", partial(_figure, file_format="svg"), slow=True
-    ),
-    "Map (VTI for ParaView)": Kind(
-        "-map.vti",
-        "Values of up to eight maps of the selected microphone and of the sum of all, or of the volume whose"
-        " isosurfaces are shown, as fine as on the screen.",
-        _map,
     ),
     "Microphones (CSV)": Kind(
         "-microphones.csv",
