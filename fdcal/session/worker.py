@@ -32,7 +32,7 @@ class Lane:
 
     Of the workers with a request that waits, the one that was made first goes first.
 
-    A function that returns an iterator is a long computation: between its parts all others get their turn.
+    A function that returns an iterator is a long computation: between its parts all others get their carry_out_one.
     """
 
     def __init__(self, name: str):
@@ -51,7 +51,7 @@ class Lane:
             self.thread.join(timeout)
         return not self.thread.is_alive()
 
-    def turn(self, besides: "LatestWorker | None" = None) -> bool:
+    def carry_out_one(self, besides: "LatestWorker | None" = None) -> bool:
         """On the thread: carry out one request of a worker, other than `besides`; return whether one waited."""
         with self.changed:
             worker = next((one for one in self.workers if one.waiting and one is not besides), None)
@@ -63,7 +63,7 @@ class Lane:
 
     def _serve(self) -> None:
         while not self._closed:
-            if not self.turn():
+            if not self.carry_out_one():
                 with self.changed:
                     self.changed.wait_for(lambda: self._closed or any(worker.waiting for worker in self.workers))
 
@@ -138,7 +138,7 @@ class LatestWorker:
         try:
             result = self._function(*arguments)
             for _ in result if isinstance(result, Iterator) else ():
-                while self._lane.turn(besides=self):
+                while self._lane.carry_out_one(besides=self):
                     pass
             delivery = Delivery(arguments, result=result)
         except Exception as error:

@@ -1,14 +1,13 @@
-"""Microphones that are taken with the pointer: selected, dragged over their map, and let go, where they roll downhill.
+"""Microphones that a user selects or drags over their map; one that is released rolls downhill.
 
-An invisible disc, a handle, lies over every estimated position, that of the ball across its middle. viser reports which
-one the pointer took and where the pointer is, on a plane that faces the camera; here that becomes a position at the
-height of what is dragged. Solids in place of discs do not do: from these a busy page reports at times that the pointer
-is nowhere (NaN).
+An invisible disc, the handle, lies over every estimated position. viser reports which handle the pointer has taken and
+where the pointer is, on a plane that faces the camera. `MicrophonePicker` turns this into a position at the height of
+the microphone. The handles are discs because a busy page sometimes reports NaN for the pointer on a solid.
 
-While a microphone is dragged, nothing of the session changes: the scene shows the microphone at the pointer, the cost
-there and the path downhill, which a thread computes. When it is let go it rolls along the path into the local minimum
-below it, and the session gets one new state at its end. Where no cost is shown, the microphone follows the pointer in
-the session.
+While a microphone is dragged, the session does not change. The scene shows the microphone at the pointer, the cost
+there and the path downhill, which a thread computes. When the microphone is released, it rolls along the path into the
+local minimum, and the session gets one new state at the end. If the map shows no cost, the microphone follows the
+pointer in the session.
 
 MicrophonePicker   handles of the microphones
 Drop               what is dragged or rolls
@@ -177,11 +176,11 @@ class Drag:
 
 
 @dataclass(frozen=True)
-class Fall:
-    """Where a dragged microphone falls."""
+class Descent:
+    """How a dragged microphone rolls down its map."""
 
     path: DescentPath
-    drawn: CostMap  # the map over which it falls
+    drawn: CostMap
     home: bool | None = None  # whether the path ends in the basin of the true position; None where that is unknown
     distance: float = math.nan  # from its end to the true position, metres; NaN likewise
 
@@ -200,7 +199,7 @@ class Fall:
 
 
 @dataclass(frozen=True, eq=False)
-class Dropped:
+class MovingMicrophone:
     """What the scene shows of a microphone that is dragged or rolls."""
 
     microphone: int
@@ -232,16 +231,16 @@ class Drop:
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
         binding = self._binding
-        held = self._drag if self._drag is not None and self._drag.gesture == gesture else None
-        if held is None and not self._droppable:
+        current = self._drag if self._drag is not None and self._drag.gesture == gesture else None
+        if current is None and not self._droppable:
             self.place(microphone, place, gesture, released)
             return
-        if held is None:
+        if current is None:
             binding.session.pause()
             if binding.choices.follow or binding.choices.microphone != microphone:
                 self.tabs.map.pick(microphone)
         at = tuple(float(x) for x in place)
-        here = binding.positions[microphone] if held is None else held.place
+        here = binding.positions[microphone] if current is None else current.place
         at += tuple(float(x) for x in here[len(at) :])  # the height, where the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
@@ -260,7 +259,7 @@ class Drop:
 
     # Below: the main loop.
 
-    def tick(self, view: SessionView, drawn: CostMap | None, now: float) -> Dropped | None:
+    def tick(self, view: SessionView, drawn: CostMap | None, now: float) -> MovingMicrophone | None:
         """Return what the scene shows of the microphone at the time `now`, s; None where nothing is dragged."""
         self._droppable = drawn is not None and not drawn.request.style.shape
         if view.count == 1 and self._count > 1:
@@ -280,32 +279,32 @@ class Drop:
             self._released = self._rolls = math.nan
         latest = self.worker.latest
         of_drag = latest is not None and latest.request[0].gesture == drag.gesture
-        fall: Fall | None = latest.result if latest is not None and of_drag else None
+        descent: Descent | None = latest.result if latest is not None and of_drag else None
         if drag.released:  # it rolls along the path that begins where it was let go
             final = latest is not None and latest.request[0] is drag
-            return self._rolling(view, drag, fall if final else None, now)
-        text = "" if fall is None else fall.cost_text(0)
+            return self._rolling(view, drag, descent if final else None, now)
+        text = "" if descent is None else descent.cost_text(0)
         self._say(text)
-        return Dropped(drag.microphone, drag.place, text, None if fall is None else fall.path.points)
+        return MovingMicrophone(drag.microphone, drag.place, text, None if descent is None else descent.path.points)
 
-    def _rolling(self, view: SessionView, drag: Drag, fall: Fall | None, now: float) -> Dropped:
+    def _rolling(self, view: SessionView, drag: Drag, descent: Descent | None, now: float) -> MovingMicrophone:
         """Return what is shown of a microphone that was let go; end the drag when it has come to rest."""
         if math.isnan(self._released):
             self._released = now
-        if fall is None:
+        if descent is None:
             if now - self._released > PATIENCE:
                 self._rest(view, drag, np.asarray(drag.place), now)
-            return Dropped(drag.microphone, drag.place, "")
+            return MovingMicrophone(drag.microphone, drag.place, "")
         self._rolls = now if math.isnan(self._rolls) else self._rolls
-        share, height = min((now - self._rolls) / ROLL_TIME, 1.0), drag.place[len(fall.path.points[0]) :]
-        end = np.append(fall.path.points[-1], height)
-        if share < 1:
-            place = along(fall.path.points, share)
-            self._say(fall.cost_text(int(np.linalg.norm(fall.path.points - place, axis=1).argmin())))
-            return Dropped(drag.microphone, (*place.tolist(), *height), "", fall.path.points)
+        fraction, height = min((now - self._rolls) / ROLL_TIME, 1.0), drag.place[len(descent.path.points[0]) :]
+        end = np.append(descent.path.points[-1], height)
+        if fraction < 1:
+            place = along(descent.path.points, fraction)
+            self._say(descent.cost_text(int(np.linalg.norm(descent.path.points - place, axis=1).argmin())))
+            return MovingMicrophone(drag.microphone, (*place.tolist(), *height), "", descent.path.points)
         if self._rest(view, drag, end, now):
-            if fall.home is not None:
-                self.tries, self.home = self.tries + 1, self.home + fall.home
+            if descent.home is not None:
+                self.tries, self.home = self.tries + 1, self.home + descent.home
 
             def run_on() -> None:
                 """Run the solver from the present state; the map is that of the modes it uses."""
@@ -313,8 +312,8 @@ class Drop:
                 self.tabs.follow_solver()
                 self._binding.session.play()
 
-            self._say(fall.text, {CONTINUE: run_on})
-        return Dropped(drag.microphone, tuple(end.tolist()), fall.text)
+            self._say(descent.text, {CONTINUE: run_on})
+        return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
     def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
         """Tell the session once where the microphone has come to rest, and return whether this was the time.
@@ -341,8 +340,8 @@ class Drop:
 
     # Below: the thread.
 
-    def _compute(self, drag: Drag, drawn: CostMap) -> Fall:
-        """Return where a microphone falls from its place, by the cost that a map shows."""
+    def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
+        """Return how a microphone rolls down from its place, by the cost that a map shows."""
         run, request = self._binding.run, drawn.request
 
         def on_lattice() -> tuple:
@@ -357,8 +356,8 @@ class Drop:
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         truth = run.drawn_truth(request.state.positions)
         if truth is None or run.measurement.nominal:
-            return Fall(path, drawn)
+            return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
-        return Fall(path, drawn, bool(home), float(np.linalg.norm(end - place)))
+        return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))

@@ -203,27 +203,31 @@ EXPLORE = {
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
     """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
-    scale, advice = "", f"<p>{escape(hint)}</p>" if hint else ""
+    words = re.compile("|".join(map(re.escape, EXPLORE)))
+
+    def of_both_faces(text: str) -> str:
+        """Return a text as Expert has it, and as Explore has it where that differs."""
+        kept, plain = (
+            re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
+            for one in (text, words.sub(lambda found: EXPLORE[found[0]], text))
+        )
+        return kept if kept == plain else f"<span class='expert'>{kept}</span><span class='explore'>{plain}</span>"
+
+    scale, advice = "", f"<p>{of_both_faces(hint)}</p>" if hint else ""
     if bar is not None:
         gradient = ", ".join(css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
         ticks = "".join(
-            f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%);"
+            f"<div style='position: absolute; left: {100 * fraction:.2f}%; transform: translateX(-50%);"
             " text-align: center; line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto;"
             f" background: currentColor'></div>{text}</div>"
-            for share, text in bar.ticks
-        )
-        words = re.compile("|".join(map(re.escape, EXPLORE)))
-        label, plain = (
-            re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(text))
-            for text in (bar.label, words.sub(lambda found: EXPLORE[found[0]], bar.label))
+            for fraction, text in bar.ticks
         )
         layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
         scale = (
             f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
             f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
             f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
-            f"<div style='opacity: 0.85; text-align: center'><span class='expert'>{label}</span>"
-            f"<span class='explore'>{plain}</span></div></div>"
+            f"<div style='opacity: 0.85; text-align: center'>{of_both_faces(bar.label)}</div></div>"
         )
     return f"<div class='fdcal-legend'>{advice}{scale}{legend(entries)}</div>"
 

@@ -123,12 +123,12 @@ class Page:
 
         Raises InputError, StorageError: the first request cannot be shown.
         """
-        settled, next_look = math.inf, 0.0
+        idle_from, next_look = math.inf, 0.0
         while not interrupt.received:
             now = time.perf_counter()
             if self.changed:
-                settled = now + SETTLING
-            if now < settled:
+                idle_from = now + SETTLING
+            if now < idle_from:
                 self.tick(now)
             elif now - self._checked > CANVAS_INTERVAL:
                 self._follow_canvases(now)

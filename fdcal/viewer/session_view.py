@@ -1,6 +1,6 @@
 """One session on the screen: the main loop copies its newest state there, with the map and the curves.
 
-Three threads share no mutable data: viser's event loop checks what clients send and puts commands on the session's
+Three threads fraction no mutable data: viser's event loop checks what clients send and puts commands on the session's
 queue, the solver thread publishes frozen states, and the main thread copies the newest of them to the screen here.
 """
 
@@ -29,7 +29,7 @@ from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
 from .binding import Binding
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
-from .drop import Drop, Dropped, MicrophonePicker
+from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
 from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, PreparedRun
@@ -128,18 +128,18 @@ class SessionPicture:
         floor: Floor | None = None,
         volume: Volume | None = None,
         uncertainty: PositionUncertainty | None = None,
-        dropped: Dropped | None = None,
+        moving: MovingMicrophone | None = None,
     ) -> Picture:
         """Return the picture of a state, as `frame` has moved it.
 
         `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
-        of the state, or None; `volume`: the cost in space, or None; `dropped`: a microphone that is
+        of the state, or None; `volume`: the cost in space, or None; `moving`: a microphone that is
         dragged or rolls, or None.
         """
         self.ball = None
         self.places = positions = np.array(view.state.positions, float)
-        if dropped is not None:
-            positions[dropped.microphone, : len(dropped.place)] = dropped.place
+        if moving is not None:
+            positions[moving.microphone, : len(moving.place)] = moving.place
         scene, measurement = self._run.known_scene, self._measurement
         relief = None if floor is None or floor.heights is None else floor  # whose heights what does not move follows
         look = choices.dark, relief, choices.lecture, choices.take
@@ -147,9 +147,9 @@ class SessionPicture:
         truth = self._run.drawn_truth(positions)
         picture = with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
         picture = overlays.with_volume(with_floor(picture, floor), volume)
-        if dropped is not None and dropped.microphone == microphone:
+        if moving is not None and moving.microphone == microphone:
             self.ball = microphone
-            picture = overlays.with_ball(picture, dropped.place, floor, dropped.path, dropped.text)
+            picture = overlays.with_ball(picture, moving.place, floor, moving.path, moving.text)
         elif (floor or volume) and microphone not in self._run.problem.known:
             self.ball = microphone
             picture = overlays.with_ball(picture, positions[microphone], floor)
@@ -304,7 +304,7 @@ class Viewer:
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
         tabs.show(self.snapshot)
 
-    def _draw(self, state: PageState, dropped: Dropped | None) -> PageState:
+    def _draw(self, state: PageState, moving: MovingMicrophone | None) -> PageState:
         """Draw the picture again where anything of it has changed; return the state with its picture."""
         choices, drawn, awaited = state.choices, state.drawn, "" if state.drawn is not None else state.reason
         if self.wanted is not None and drawn is None and not awaited:
@@ -314,14 +314,14 @@ class Viewer:
         parts = floor, volume, state.uncertainty
 
         def draw() -> Picture:
-            picture = self._picture.draw(state.view, choices, state.microphone, *parts, dropped)
+            picture = self._picture.draw(state.view, choices, state.microphone, *parts, moving)
             self.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
             self._folders.overlay.show("legend", legend)
             self.picker.show(self._picture.places, picture.floor, self._picture.ball)
             return picture
 
-        picture = self.drawn(draw, state.revision, choices, state.microphone, dropped, awaited, *parts)
+        picture = self.drawn(draw, state.revision, choices, state.microphone, moving, awaited, *parts)
         return replace(state, picture=picture)
 
     def _hint(self, picture: Picture) -> str:
@@ -335,17 +335,17 @@ class Viewer:
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
         return f"Where the map is {low}, the recording of this microphone fits."
 
-    def _move(self, view: SessionView, now: float) -> Dropped | None:
+    def _move(self, view: SessionView, now: float) -> MovingMicrophone | None:
         """Return what is shown of the microphone that the last step has moved, on its way; None once it is there."""
         if self._moved is None:
             return None
         (start, since), end, n = self._moved, np.asarray(view.state.positions)[view.state.moved], view.state.moved
-        share = (now - since) / (RUN_INTERVAL if view.running else MOVE_TIME)
-        if share >= 1:
+        fraction = (now - since) / (RUN_INTERVAL if view.running else MOVE_TIME)
+        if fraction >= 1:
             self._moved = None
             return None
-        at, moved = start + share * (end - start), length_text(float(np.linalg.norm(end - start)), 2)
-        return Dropped(n, tuple(at.tolist()), f"moves by {moved}", np.stack([start, end]))
+        at, moved = start + fraction * (end - start), length_text(float(np.linalg.norm(end - start)), 2)
+        return MovingMicrophone(n, tuple(at.tolist()), f"moves by {moved}", np.stack([start, end]))
 
     def _select_map(
         self, view: SessionView, choices: Choices, now: float, moving: bool = False

@@ -141,7 +141,7 @@ def test_each_step_of_a_lesson_shows_the_run_of_its_own_scene(site, browser):
     with offline_page(browser, page_path, ready=f"replay.data.known.join() == '{','.join(map(str, first))}'") as page:
         page.get_by_role("button", name=lesson.steps[0].choices[lesson.steps[0].answer - 1]).click()
         page.keyboard.press("End")
-        page.get_by_text("farther half 21 mm").wait_for()  # the plot, and the text
+        page.get_by_text("farther half 21 mm", exact=True).wait_for()  # in the plot
         page.get_by_role("button", name="Next step").click()
         wait_for(page, f"window.replay?.data.known.join() == '{','.join(map(str, second))}'")
         assert page.evaluate("location.hash").startswith("#part=2")

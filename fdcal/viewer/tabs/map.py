@@ -62,12 +62,13 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     several, modes = len(request.modes) > 1, request.modes
     what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
     here, lowest = map(drawn.text_of, (drawn.cost_here, drawn.lowest))
+    here += "" if drawn.base is None else " above the lowest"
     what = f"microphone {request.microphone}, {what}"
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
-    if found.end is not None:
+    if found.end is not None and drawn.base is None:
         lowest = f"below {drawn.text_of(found.end)}"
     places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
-    lowest = f", lowest {lowest}{places}" if request.style.minima else ""
+    lowest = f", lowest {lowest}{places}" if request.style.minima and drawn.base is None else ""
     orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
     orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
     return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"
