@@ -23,8 +23,8 @@ MIN_KNOWN = {
 def positions_of(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones : (N, D) float64, read-only, metres.
 
-    In a simulated room on cell centres; D is 2 in a plane, whose height is left out. Raises InputError for positions,
-    walls, a source or known microphones that cannot be.
+    In a simulated room on cell centres; D is 2 in a plane, whose height is left out. Raises InputError for impossible
+    positions, walls, source or known microphones.
     """
     if scene.room.dimension == 3:
         positions = positions_3d(scene)[:, : scene.array.dimension]
@@ -66,7 +66,7 @@ def positions_of(scene: Scene) -> np.ndarray:
 
 
 def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.ndarray:
-    """Return the positions, before they are snapped to any cells : (N, 2) or (N, 3), metres."""
+    """Return the positions before they are snapped to cells : (N, 2) or (N, 3), metres."""
     center, count, radius = array.center or (0.0, 0.0), array.count or 0, array.radius or 0.0
     shape, size = array.shape or (), array.size or ()
     if array.geometry == "rectangle+random":
@@ -133,14 +133,14 @@ def hull_meets(points: np.ndarray, others: np.ndarray) -> bool:
     from scipy.optimize import linprog  # takes a second to load, which reading a cached measurement does not need
 
     points, others = np.asarray(points, float), np.asarray(others, float)
-    # Weights of both sets, which sum to 1 each, and whose weighted means are equal.
+    # The hulls meet if both sets have weights, each with the sum 1, whose weighted means are equal.
     first = np.repeat([1.0, 0.0], [len(points), len(others)])
     equations = np.vstack([np.hstack([points.T, -others.T]), first, 1 - first])
     target = np.append(np.zeros(points.shape[1]), [1.0, 1.0])
     return linprog(np.zeros(equations.shape[1]), A_eq=equations, b_eq=target).status == 0
 
 
-ROUNDING = 1e-9  # of a coordinate, metres: differences this small are none
+ROUNDING = 1e-9  # metres: a smaller difference of coordinates is due to rounding
 
 
 def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
@@ -202,8 +202,8 @@ def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
     return directions * (reach / np.linalg.norm(directions, axis=1))[:, None]
 
 
-WALL_DISTANCE_M = 0.1  # of a source from every wall at least: half the depth of a small loudspeaker
-DRAWS = 500  # before a room is taken to have no place
+WALL_DISTANCE_M = 0.1  # least distance of a source from every wall: half the depth of a small loudspeaker
+DRAWS = 500  # attempts after which a room counts as having no such place
 
 
 def random_source(

@@ -27,8 +27,8 @@ FLAT = 1e-3  # smallest extent of an array over its largest one that counts: bel
 class GaugeFrame:
     """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well."""
 
-    # (D + 1,) int64, the position of the first is known, the direction of the second from it, and of each of the others
-    # the side of the line, or plane, through those before
+    # (D + 1,) int64: the position of the first is fixed, the direction from it to the second, and for each of the others
+    # on which side of the line, or plane, through the ones before it lies
     microphones: np.ndarray
     positions: np.ndarray  # (D + 1, D) float64, metres. Of all but the first only the directions and sides matter
 
@@ -99,9 +99,10 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
 
 
 def rigid_motion(x: Reals, places: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turn, centre and target of the motion (x - centre) turn + target onto `places`; `mirror`: the other image.
+    """Return turn, centre and target of the motion (x - centre) turn + target onto `places`.
 
     Kabsch's method without the condition on the determinant: a mirror image, which has the same pressures, is allowed.
+    `mirror`: return the best motion with the opposite determinant.
     """
     centre, target = x.mean(axis=0), places.mean(axis=0)
     left, _, right = np.linalg.svd((x - centre).T @ (places - target))
@@ -125,7 +126,7 @@ def in_frame(positions: Reals, frame: str) -> np.ndarray:
     if frame == "minimal":
         apart = positions - positions[0]
         extent = np.linalg.norm(apart, axis=1).max()
-        # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
+        # An array on a line or in a plane does not determine all axes; the coordinate axes complete them.
         candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
         candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
         axes = np.zeros((0, apart.shape[1]))

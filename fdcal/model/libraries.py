@@ -50,11 +50,11 @@ def needs(name: str) -> ModuleType:
 
 
 class ProcessError(OSError):
-    """A process ended, or was ended, without a result; the text is the reason, in one line."""
+    """A process ended without a result; the text gives the reason in one line."""
 
 
 class LimitError(ProcessError):
-    """It would have taken more time or memory than it may."""
+    """A process reached its limit of time or memory."""
 
 
 def call(
@@ -66,7 +66,7 @@ def call(
 ) -> Any:
     """Return what a function of a module returns in a process of its own, or raise its InputError or OSError.
 
-    `seconds` on any clock, `processor_seconds` and `memory`, bytes of address space, are the most that it may take.
+    Limits: `seconds` of wall-clock time, `processor_seconds`, and `memory`, bytes of address space.
     """
     package = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
@@ -98,7 +98,7 @@ def call(
 
 
 def main() -> None:
-    """Call the function that standard input holds, and write its result or its error to standard output."""
+    """Call the function that is read from standard input, and write its result or its error to standard output."""
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no result
     processor_seconds, memory = pickle.load(sys.stdin.buffer)

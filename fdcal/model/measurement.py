@@ -34,13 +34,13 @@ from .validation import (
 
 LATEST_ARRIVAL = 1e4  # seconds
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
-ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
-CERTAIN = 6.0  # sigmas: chance does not lower the power of noise alone any further
-DUPLICATE = 1e-9  # difference, up to a factor, over the norm of one, of channels that count as one recording
+ROUNDING = 1e-9  # relative to a wavenumber: a smaller imaginary part may have either sign
+CERTAIN = 6.0  # sigmas by which the power of noise alone may be below its mean by chance
+DUPLICATE = 1e-9  # channels with a smaller difference, up to a factor and relative to the norm, are copies
 PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed
 
 
-UNLESS_GIVEN: Any = None  # a field that is made where it is not given
+UNLESS_GIVEN: Any = None  # default of a field that `__post_init__` computes
 
 
 @dataclass(frozen=True, repr=False)
@@ -508,7 +508,7 @@ class Measurement:
 
 
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
-    """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
+    """Return checked pressures : (M, N) complex128; `labels`: names of the microphones, or None."""
     array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
         bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
@@ -522,7 +522,7 @@ def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarr
 
 
 def _checked_spectrum(values: Any, take_count: int) -> np.ndarray:
-    """Return frequencies and the mean power, of all takes or of each : (2 or 1 + T, F) float64."""
+    """Return checked frequencies and mean power, of all takes or of each : (2 or 1 + T, F) float64."""
     rows = (2, 1 + take_count)
     array = require_array("spectrum", values, "real", (None, None), "Hz and mean power")
     if len(array) not in rows:
@@ -537,7 +537,7 @@ def _checked_spectrum(values: Any, take_count: int) -> np.ndarray:
 def _checked_arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the arrivals (T, N), of `count` microphones, and their sigmas (T,), seconds; None and None without any."""
+    """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), seconds; None, None without any."""
     rows = int(takes.max(initial=0)) + 1
     if times is None:
         if sigma is not None:
@@ -567,7 +567,7 @@ def _checked_arrivals(
 def checked_known(
     indices: Any, places: Any, truth: np.ndarray | None, count: int, D: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the known microphones (A,), ascending, and their positions (A, D), metres: `places`, else of `truth`."""
+    """Return the known microphones (A,), ascending, and their positions (A, D), metres, from `places` or `truth`."""
     numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
     if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
@@ -587,14 +587,14 @@ def checked_known(
 
 
 def _require_usable(measurement: Measurement) -> None:
-    """Raise InputError for too few pressures, a wrong sign, a microphone or mode without pressure, too much noise."""
+    """Raise InputError for too few pressures, wrong wavenumbers, a silent microphone or mode, or too much noise."""
     values, f, k, noise = (
         measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.noise_power
     )  # fmt: skip
     if not len(values) or measurement.count < 2:
         problem = f"pressures of shape {values.shape} are too few"
         raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
-    # Waves that run backwards, or grow with time.
+    # Other signs belong to waves that run backwards or grow with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
         problem = (
@@ -603,7 +603,7 @@ def _require_usable(measurement: Measurement) -> None:
         )
         remedy = "with the other sign take the conjugate of wavenumbers and pressures"
         raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
-    # Wavenumbers that no wave of these frequencies has at about this speed of sound.
+    # Wavenumbers far from 2 pi f / c are mistakes.
     usual = 2 * np.pi * f / measurement.sound_speed
     wrong = np.flatnonzero(np.abs(np.log(np.abs(k) / usual)) > np.log(LIMITS.dispersion))
     if len(wrong):
@@ -626,8 +626,8 @@ def _require_usable(measurement: Measurement) -> None:
         return
     if np.any(noise < 0):
         raise refusal("noise_power", float(noise.min()), "is negative", "use 0 for no noise")
-    # Noise that is stronger than all that was measured, which includes it. The mean power of n values of noise alone is
-    # of a gamma distribution of shape n (Wilson-Hilferty approximation).
+    # The pressures include the noise, so it cannot have more power. The mean power of n values of noise alone has a
+    # gamma distribution of shape n (Wilson-Hilferty approximation).
     largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
     power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
     with np.errstate(over="ignore"):  # squared after the division: no unit leaves the range of floats
@@ -641,9 +641,9 @@ def _require_usable(measurement: Measurement) -> None:
 
 
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
-    """Return a table of keys of a measurement without the microphones `chosen`, names or numbers; a name goes first.
+    """Return a table with keys of a measurement without the microphones `chosen`, given by name or else by number.
 
-    Keys that are missing or None stay so; the others keep their names, or their old numbers as names.
+    Keys that are missing or None stay so. The other microphones keep their names, or get their old numbers as names.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
@@ -672,7 +672,7 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
 
 
 def microphone_index(text: str, names: Sequence[str], key: str) -> int:
-    """Return the number, from 0, of the microphone with a name or number; InputError, of argument `key`, if none."""
+    """Return the number, from 0, of the microphone with a name or number; InputError about `key` if there is none."""
     names = list(names)
     if text in names:
         return names.index(text)
@@ -683,7 +683,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
-    """Refuse channels of `pressures` (M, N) without signal, or the same as another up to a factor, by name."""
+    """Raise InputError for a channel of `pressures` (M, N) that is constant, or equal to another up to a factor."""
     if len(pressures) < 2:
         return
     for name, column in zip(names, pressures.T, strict=True):
@@ -741,7 +741,7 @@ class MicrophonePositions:
 
 
 FLAT = 1e-6  # metres: heights that differ less are one height
-NEARLY_FLAT = 0.1  # of the width of an array that is sought in a plane, by which the heights of a list may differ
+NEARLY_FLAT = 0.1  # largest difference of heights in a list over the width of an array that is sought in a plane
 
 
 def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any]) -> Measurement:
@@ -786,9 +786,9 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
 
 
 def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[tuple[str, ...], str]:
-    """Return what the channels are called beside a list of `given` names, and a remark where its rows count instead.
+    """Return labels of the channels beside a list of `given` names, and a remark if rows are matched by order.
 
-    A channel has the name of its row in parentheses where that is another.
+    A label is the name of the channel, followed by that of its row in parentheses if they differ.
     """
     rows = zip(names, _rows(names, given, excluded), strict=True)
     labels = tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)

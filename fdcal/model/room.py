@@ -249,7 +249,7 @@ class Source:
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """What messages call its places: "source.position", or "source.positions[1]" and so on."""
+        """Keys of its places for messages: "source.position", or "source.positions[1]" and so on."""
         return tuple(f"source.positions[{i + 1}]" for i in range(len(self.positions))) or ("source.position",)
 
     def each(self) -> tuple[Source, ...]:
@@ -257,7 +257,7 @@ class Source:
         return tuple(replace(self, position=place, positions=()) for place in self.places)
 
     def table(self) -> dict[str, Any]:
-        """Return the values as a dictionary, without `positions` where there are none: the key of a cache."""
+        """Return the values as a dictionary, without empty `positions`, as they enter the key of the cache."""
         return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
     @property
@@ -276,5 +276,5 @@ def is_triple(values: Any) -> bool:
 
 
 def is_no_pair(values: Any) -> bool:
-    """Return whether a value of a scene file is a list, but not of two entries: it cannot be a point of a plane."""
+    """Return whether a value of a scene file is a list that does not have two entries, so is no point of a plane."""
     return isinstance(values, list) and len(values) != 2

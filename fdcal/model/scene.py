@@ -173,7 +173,7 @@ def no_rectangle(scene: Scene) -> str:
 
 
 def require_rectangle(scene: Scene) -> None:
-    """Raise InputError for a room that solver "room" cannot be used for."""
+    """Raise InputError unless solver "room" can be used for the room of `scene`."""
     reason = no_rectangle(scene)
     if reason:
         remedy = 'use another solver: "room" is for rigid or absorbing rectangles'
@@ -335,7 +335,7 @@ def _rows(values: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in np.asarray(values).tolist())
 
 
-# Files that are taken for scenes: what they are instead, and what takes them.
+# Suffixes of files that are mistaken for scenes: what such a file is, and the command for it.
 OTHER_FILES = {
     ".csv": ("a table", "give positions as <positions>"),
     ".xml": ("a table of positions", "give it as <positions>"),

@@ -42,7 +42,7 @@ class ArrivalRules:
     span: float = 0.02  # seconds, by which arrivals may differ: an array of some metres
     rounds: int = 4  # of template and times
     shifted: float = 0.4  # a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
-    min_sigma: float = 3e-4  # metres, over the sound speed: what no recording is better than
+    min_sigma: float = 3e-4  # metres, over the sound speed: least one sigma of an arrival
     speed: float = 343.0  # m/s, of `min_sigma` and `span`
 
 
@@ -52,7 +52,7 @@ DIRECT_SOUND = ArrivalRules()
 def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
     """Return the arrivals (N,) of the direct sound of impulse responses, and their sigma, seconds; None if it is weak.
 
-    They count from the first of them on; NaN where there is none.
+    Times are relative to the earliest arrival; NaN where a channel has none.
     """
     return arrivals_of(read_samples(recording, 0, recording.samples), recording.sample_rate)
 
@@ -106,7 +106,7 @@ def _first_peak(h: np.ndarray, top: float) -> float:
 
 
 def _cut(h: np.ndarray, at: float, before: int, after: int) -> np.ndarray:
-    """Return the samples of h about a point between samples."""
+    """Return samples of h about `at`, interpolated linearly between samples."""
     first = int(np.floor(at))
     part, weight = h[first - before : first + after + 2], at - first
     return (1 - weight) * part[:-1] + weight * part[1:]
@@ -129,7 +129,7 @@ def _best_lag(h, at: float, template, window, before: int, after: int, pad: int)
 
 
 def _quiet_before(fine: np.ndarray, at: np.ndarray, before: int, template: np.ndarray) -> np.ndarray:
-    """Return where the peak stands out of what precedes its window : (N,) bool."""
+    """Return whether each peak exceeds everything before its window by the factor `quiet` : (N,) bool."""
     clear = np.zeros(len(fine), bool)
     for n, (h, t) in enumerate(zip(fine, at, strict=True)):
         a, near = np.abs(h), int(t)

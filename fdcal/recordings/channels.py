@@ -27,14 +27,14 @@ from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_ch
 
 @dataclass(frozen=True)
 class ClippingThresholds:
-    """When a channel counts as silent or clipped."""
+    """Thresholds by which a channel counts as silent or clipped."""
 
     silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
     run: int = 3  # neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long
     full_scale: float = 0.999  # fraction of full scale from which a sample counts as being there
     full_scale_run: int = 2  # neighbouring samples at full scale
     full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
-    # edge_count, edge_ratio: samples at the greatest value, and how many times more they are than those at the next
+    # edge_count: least number of samples at the greatest value; edge_ratio: that number over the number at the next
     # smaller value
     edge_count: int = 8
     edge_ratio: int = 4
@@ -71,7 +71,7 @@ class ChannelHealth:
 
 
 class ChannelWatch:
-    """The state of every channel of a recording that is read, or recorded, a block at a time."""
+    """Collects the state of every channel while a recording is read or made, block by block."""
 
     def __init__(self, count: int):
         self._square, self._peak, self._longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
@@ -97,7 +97,7 @@ class ChannelWatch:
         self._peak = np.maximum(self._peak, top)
 
     def health(self, full_scale: float | None) -> ChannelHealth:
-        """Return the state by all samples so far; `full_scale`: greatest value that a sample can take."""
+        """Return the state of the channels so far; `full_scale`: greatest value that a sample can take."""
         peak, level = self._peak, np.sqrt(self._square / max(self._samples, 1))
         digests = [h.digest() for h in self._hashes]
         first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
@@ -118,7 +118,7 @@ def inspect_channels(recording: Recording) -> ChannelHealth:
 
 
 def _edge(samples: np.ndarray, before: Edge) -> Edge:
-    """Return the edge of samples (t,) and of those before."""
+    """Return the edge of all samples: those of (t,) and those that `before` stands for."""
     times = Counter(before)
     for _ in range(2):
         if len(samples):
@@ -129,7 +129,7 @@ def _edge(samples: np.ndarray, before: Edge) -> Edge:
 
 
 def _is_clipped(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
-    """Return whether many samples of a channel have its greatest (or least) value, and few the next one to it.
+    """Return whether far more samples of a channel have its greatest (or least) value than the next value.
 
     The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping does not.
     """
@@ -160,7 +160,7 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
 
 @dataclass(frozen=True)
 class TakeRules:
-    """When takes count as copies of each other, or as takes of other channels."""
+    """Thresholds by which takes count as copies of each other, or as takes with another channel order."""
 
     rate: float = 2000.0  # Hz, of the neighbouring samples of one channel, averaged, by which takes are aligned
     # correlation of this channel, from which both are compared at every frequency: 0.36 to 1 of copies
@@ -181,14 +181,14 @@ class TakeRules:
     # correlation of the coherences of a take with its own in another order, above which the array is symmetric: circles
     # have 0.6 to 0.97, and sound from another side is like channels in another order
     symmetric: float = 0.4
-    channels: int = 8  # of fewer a correlation of their pairs says nothing
+    channels: int = 8  # least number for which the correlation over pairs of channels is significant
 
 
 TAKES = TakeRules()
 
 
 def require_different_takes(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> None:
-    """Raise InputError if two takes are copies, or the channels of one are those of the first, but rotated."""
+    """Raise InputError if two takes are copies, or if the channels of one are rotated against the first take."""
     first, silent, own = takes[0], health[0].silent, np.arange(takes[0].count)
     coherences = [_coherence(one) for one in takes]
     for take, state, coherence in zip(takes[1:], health[1:], coherences[1:], strict=True):
@@ -259,7 +259,7 @@ PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
 
 
 def select_subset(recording: Recording, text: str, seed: int) -> Recording:
-    """Return the recording of some microphones: a list as "0,3,8:12", or how many are drawn at random, as "200"."""
+    """Return the recording of some microphones: a list as in "0,3,8:12", or so many at random as in "200"."""
     numbers: list[int] = []
     try:
         for part in text.split(","):
@@ -283,7 +283,7 @@ def select_subset(recording: Recording, text: str, seed: int) -> Recording:
 
 
 def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
-    """Return the recording without the channels that a list names; "bad" stands for all of `bad`, indices (n,)."""
+    """Return the recording without the channels named in a list; the name "bad" means all of `bad`, indices (n,)."""
     names = [part.strip() for part in text.split(",")]
     excluded = [_index_of(recording, name, "leave_out") for name in names if name != "bad"]
     left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad] if "bad" in names else excluded)

@@ -35,7 +35,7 @@ from .recording import Recording, in_memory, read_samples
 
 @dataclass(frozen=True)
 class DecimationSettings:
-    """Of the filter before the sampling rate is reduced."""
+    """Settings of the filter that is applied before the sampling rate is reduced."""
 
     oversampling: float = 4.0  # least new sampling rate over the highest frequency
     stop_db: float = 110.0  # attenuation of what would alias into the band, decibels
@@ -47,7 +47,7 @@ DECIMATION = DecimationSettings()
 
 
 def decimate(recording: Recording, highest: float, settings: DecimationSettings = DECIMATION) -> Recording:
-    """Return the recording at a fraction of its sampling rate, unchanged up to `highest`, Hz; filtered when read."""
+    """Return the recording at a lower sampling rate, unchanged up to `highest`, Hz; blocks are filtered when read."""
     from scipy.signal import firwin, kaiserord, upfirdn
 
     fs = recording.sample_rate
@@ -92,11 +92,11 @@ class SegmentSettings:
 
 
 SEGMENTS = SegmentSettings()
-# An eigenvector besides the dominant one is a row of its own
+# Limits for further eigenvectors, each of which gives a row of its own
 MAX_RANK = 8  # rows of one frequency
 OVER_NOISE = 2.0  # eigenvalue relative to the largest that noise alone has
-OVER_LEAKAGE = 4.0  # relative to the one that a single source has by the window
-LAGS = (2, 4)  # bins apart at which neighbours are compared that no longer share a window
+OVER_LEAKAGE = 4.0  # eigenvalue relative to that which the window causes for a single source
+LAGS = (2, 4)  # distance, bins, of neighbours that share no window
 # rows per 1 / T_eq: 5, as of an even decay in `fdcal.recordings.frequencies`, and half as many again, since close rows
 # share the field of the room but not the noise
 OVERSAMPLING = 7.6
@@ -185,7 +185,8 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     """Return how close frequencies are worth taking, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
-    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. What the window hides is taken to be as wide.
+    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. A width below that of
+    the window cannot be seen; that of the window is used then.
     """
     step = window / 2
     relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
@@ -236,7 +237,7 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
 def eigenvectors(
     C: np.ndarray, independent: float, leakage: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows that stand out from noise and leakage, at least one a frequency, the dominant ones first.
+    """Return the rows above noise and leakage, at least one for each frequency, in descending order of power.
 
     `C` (M, N, N), means over K `independent` segments; `leakage`: second eigenvalue of a single source over the first.
     Returns frequency (R,), eigenvector (R, N) of the source's power, noise power v of one segment (R,) and SNR (R,).

@@ -82,7 +82,7 @@ def export(
 
 
 def acoular_factors(result: Calibration) -> str:
-    """Return the XML of Acoular's `Calib`: the factor of each channel, below 0 of an inverted one, 0 of a dead one.
+    """Return the XML of Acoular's `Calib`: a factor for each channel, negative if it is inverted, 0 if it is dead.
 
     Acoular takes it for pascal per unit; here it is relative to the median channel.
     """
@@ -174,17 +174,18 @@ def pyfar_coordinates(self: Calibration, *, frame: str | None = None) -> Any:
 
 
 RESOLUTION = 2.0  # Hz, of the filters: half a second of impulse response
-MAX_AMPLIFICATION = 10.0  # of bass that a channel has lost: what is below is noise
+MAX_AMPLIFICATION = 10.0  # of the bass that a channel has lost; weaker bass is noise
 
 
 @dataclass(frozen=True)
 class Correction:
     """What is done to each channel of a recording, in the order of its channels."""
 
-    source: np.ndarray  # (N,) int64, the channel whose samples it takes
+    source: np.ndarray  # (N,) int64, number of the channel whose samples are used
     gain: np.ndarray  # (N,) complex128, by which the channel is to be divided
     delay: np.ndarray  # (N,) float64, s, likewise
-    corner: np.ndarray  # (N,) float64, Hz, of a high-pass; below 0 of one that all others have; 0 of none
+    # (N,) float64, Hz, corner of the high-pass of a channel; negative if all other channels have it; 0 without one
+    corner: np.ndarray
     dead: tuple[str, ...]  # channels that hold no sound: written as they are
     unknown: tuple[str, ...]  # channels that the calibration does not know: written as they are
 
@@ -245,7 +246,7 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
 
 
 def corrected_blocks(recording: Recording, correction: Correction) -> Iterator[np.ndarray]:
-    """Yield the corrected samples of all channels, a block (N, t) float64 at a time, in order; as long as before."""
+    """Yield the corrected samples of all channels in blocks (N, t) float64; the length of the recording is kept."""
     from scipy.signal import fftconvolve  # a library that the export of positions does not need
 
     filters = correction.filters(recording.sample_rate)
@@ -271,7 +272,7 @@ def write_corrected(path: str | Path, recording: Recording, correction: Correcti
 
 
 def correction_summary(correction: Correction, names: tuple[str, ...]) -> str:
-    """Return what is done to the channels, in a few lines."""
+    """Describe in a few lines what is done to the channels."""
     decibels = -20 * np.log10(np.abs(correction.gain))
     phases = np.abs(np.angle(correction.gain))
     turn = np.degrees(np.minimum(phases, np.pi - phases).max())  # 180 degrees count as a change of sign

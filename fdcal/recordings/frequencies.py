@@ -29,27 +29,26 @@ DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency
 
 @dataclass(frozen=True)
 class RowLimits:
-    """How many rows are taken, and how close."""
+    """Limits of the number of rows and of their spacing."""
 
-    # max_rows, usual_count: rows of all takes together, by default, of so many microphones, which take some 5 s of one
-    # processor. The time of a row grows with the square of their number
+    # max_rows: default number of rows of all takes with `usual_count` microphones: about 5 s of processor time.
+    # The time for a row grows with the square of the number of microphones
     max_rows: int = 400
     usual_count: int = 32
-    # min_of_array, max_of_array, min_of_take: rows that the default leaves however many microphones or takes there
-    # are, and however few
+    # min_of_array, max_of_array, min_of_take: bounds of that default, for an array and for each take
     min_of_array: int = 112
     max_of_array: int = 1600
     min_of_take: int = 20
-    unexplained: float = 1e-4  # power relative to that of the response that no model of the field explains
+    unexplained: float = 1e-4  # power, relative to the response, that no model of the field explains
 
 
 ROWS = RowLimits()
 
 
 def default_max_rows(microphones: int, takes: int = 1) -> int:
-    """Return how many rows of each take are used at most unless their number is given.
+    """Return the default for the greatest number of rows of each take.
 
-    The limit is one of computing time alone. Takes share it, since rows of another take say more than closer ones.
+    Only computing time limits it. Takes share it, since rows of another take carry more information than closer rows.
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
     every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)
@@ -58,7 +57,7 @@ def default_max_rows(microphones: int, takes: int = 1) -> int:
 
 @dataclass(frozen=True)
 class Spacing:
-    """How close the frequencies of a recording are worth taking, Hz."""
+    """Useful spacing of the frequencies of a recording, Hz."""
 
     step: float  # least distance of two frequencies
     # bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent
@@ -94,10 +93,10 @@ class NothingAboveNoise(InputError):
 def choose_frequencies(
     frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, max_rows: int = ROWS.max_rows
 ) -> np.ndarray:
-    """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
+    """Return the indices of the frequencies to use: in each of equal parts of the band the one nearest to its middle.
 
     `frequencies` (B,), Hz, evenly spaced and finer than the `resolution`, the least distance of two; `power`, `noise`
-    (B,), mean over the microphones; noise 0 where it is unknown; `max_rows`: greatest number. Or NothingAboveNoise.
+    (B,), mean over the microphones, the noise 0 where it is unknown. Raises NothingAboveNoise.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
@@ -113,7 +112,7 @@ def choose_frequencies(
 def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], max_rows: int, apart: float) -> np.ndarray:
     """Return the indices of the frequencies nearest to the middles of equal parts of a band, `max_rows` at most.
 
-    `apart`: least width of a part, Hz; two frequencies, which ascend, are three quarters of it apart at least.
+    `frequencies` ascend. `apart`: least width of a part, Hz; chosen frequencies are at least 3/4 of it apart.
     """
     count = max(1, min(max_rows, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
     width = (band[1] - band[0]) / max(1, count - 1)
@@ -128,17 +127,17 @@ def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], max_row
     return np.array(kept, np.int64)
 
 
-# The frequencies at which the coherence of a recording is looked at
+# Frequencies at which the coherence of a recording is computed
 COHERENCE_COUNT = 300  # in equal ratios
 COHERENCE_RANGE = 40.0  # decibels below the strongest frequency
-COHERENCE_SAMPLES = 2**27  # samples of all channels; a longer recording is not looked at
+COHERENCE_SAMPLES = 2**27  # of all channels; the coherence of a longer recording is not computed
 
 
 @dataclass(frozen=True)
 class FrequencyLimit:
     """The highest frequency that an array can interpolate."""
 
-    limit: float | None  # hz; None where the radius is unknown
+    limit: float | None  # Hz; None where the radius is unknown
     radius: float  # metres; 0 where it is unknown
     words: str  # which radius it follows from, arguments in angle brackets
     estimated: bool = False  # whether the radius is that of the coherence
@@ -173,7 +172,7 @@ def highest_frequency(
 
 
 def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:
-    """Return the radius that the coherence of the channels shows, metres; None where it shows none."""
+    """Estimate the radius of the array from the coherence of the channels, metres; None if that is not possible."""
     top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     low = max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_periods / recording.duration)
     if low >= top or recording.count * recording.samples > COHERENCE_SAMPLES:
@@ -200,7 +199,7 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
 def frequency_band(
     recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
 ) -> tuple[float, float]:
-    """Return the lowest and the highest frequency, Hz, that are given or usual; InputError if they cannot be held."""
+    """Return the given or the default band, Hz; InputError for one that the recording cannot hold."""
     top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
         low, high = IMPORT_LIMITS.low, IMPORT_LIMITS.high

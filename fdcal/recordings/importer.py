@@ -44,13 +44,13 @@ from .recording import (
 )
 from .short_windows import found_flat, short_windows
 
-DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
+DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 DEFAULTS = ImportOptions()  # of an import
-LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
-MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
+LOWEST = 3  # number of frequencies with the lowest signal-to-noise ratio that are listed
+MANY = 32  # microphones from which on errors in a room are about as large as their uncertainty
 CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
-ARGUMENTS: Mapping[str, str] = {}  # by their own names
+ARGUMENTS: Mapping[str, str] = {}  # messages call arguments by their own names
 KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
 
 Noise = Callable[[np.ndarray], np.ndarray]
@@ -69,7 +69,7 @@ class ImportReport:
     highest_frequency: float | None  # that the array can interpolate, Hz
     highest_frequency_from: str  # which radius it follows from, in words
     height: float | None = None  # of all given positions, metres, where the array is sought in this plane
-    # one each of several takes, the first of which the other fields describe; none of a single take
+    # one report for each of several takes, () for a single take; the other fields describe the first take
     takes: tuple[ImportReport, ...] = ()
     flat: bool = False  # whether the short windows show a flat array, which is then sought in a plane
     skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
@@ -80,7 +80,7 @@ def import_recording(
     options: ImportOptions = DEFAULTS,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement in a file or folder, or several, as of `ImportOptions.files`, and how it was taken.
+    """Return the measurement in a file or folder, or in several (see `ImportOptions.files`), and a report on it.
 
     `progress`: called with the fraction done, 0 to 1, and a note before each take.
     """
@@ -138,7 +138,7 @@ def measurement_of_takes(
     options: ImportOptions = DEFAULTS,
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Measurement, ImportReport]:
-    """Return the measurement of recordings of the same channels, each a take, and a report on how it was taken."""
+    """Return the measurement of recordings of the same channels, each of which is a take, and a report on it."""
     recordings, left_out = _selected(recordings, options)
     if recordings[0].count < 2:
         problem = f"{recordings[0].path} gives one channel, and an array needs two microphones at least"
@@ -169,7 +169,7 @@ def measurement_of_takes(
             done.append(_measurement_of_take(one, options, max_rows, left_out, number, len(takes)))
         except NothingAboveNoise as error:
             skipped.append(one.path)
-            if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
+            if options.split is None or len(skipped) == len(takes):  # some parts of a split recording may be pauses
                 raise error
     measurement, report = done[0]
     if len(done) > 1:
@@ -238,7 +238,7 @@ def _measurement_of_take(
 
 
 def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
-    """Return the channels that are wanted, all of them usable in every take, and why each of those left out is."""
+    """Return the takes with the channels that are wanted and usable in all, and why each of the others is left out."""
     parts = [part.strip() for part in (options.leave_out or "").split(",")]
     listed = [name for name in parts if name not in ("", "bad")]
     left_out = dict.fromkeys(listed, "as asked")
@@ -266,7 +266,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
 def _in_plane(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
 ) -> tuple[Recording, np.ndarray | None, float | None]:
-    """Return the recording and the known positions without heights that all agree, and this height, metres."""
+    """Return the recording and the known positions without their heights, and that height, if all heights agree."""
     given, wanted = [one for one in (recording.positions, known_positions) if one is not None], options.array_dimension
     if wanted == 3 and given and given[0].shape[1] == 2:
         raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
@@ -292,7 +292,7 @@ def _classified(
         responses, noise = deconvolve(recording, formats.read(options.reference, rate=options.rate), band)
         return responses, "impulse", noise
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
-    if kind is None:  # of an impulse response the sound is gone, or nearly so, at the end
+    if kind is None:  # an impulse response has nearly decayed at its end
         kind = "stationary"
         if recording.samples <= MAX_SAMPLES:
             level = segment_levels(recording, band)
@@ -304,7 +304,7 @@ def _classified(
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
-    """Return what was imported in words, one fact per line; `wording`: how it calls the arguments that it mentions."""
+    """Describe an import, one fact per line; `wording`: names of the arguments that the text mentions."""
     left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
     left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
     takes, count = report.takes or (report,), measurement.count
@@ -367,7 +367,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
 
 
 def _band_words(taken: Pressures) -> str:
-    """Return the frequencies, how far apart they are, and how many have several rows."""
+    """Describe the frequencies: their band, their spacing, and how many have several rows."""
     f = taken.frequencies
     different = np.unique(f, return_counts=True)[1]
     text = f"{len(different)}, {f[0]:.1f} to {f[-1]:.1f} Hz, at least {taken.spacing.step:.2g} Hz apart"

@@ -35,12 +35,12 @@ from .recording import GROUP_SAMPLES, Recording, channel_groups, read_samples, r
 
 @dataclass(frozen=True)
 class DecaySettings:
-    """How the decay is measured."""
+    """Settings of the measurement of the decay."""
 
     channels: int = 24  # number of channels of which the decay is measured
     segments: int = 48  # of the recording, in each of which the level is measured
-    above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a level nearer to it is noise
-    min_power: float = 1e-6  # relative to the greatest power; what is below says nothing about the decay
+    above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a lower level counts as noise
+    min_power: float = 1e-6  # relative to the greatest power; lower powers are not used
     # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
     zoom: float = 0.25
     extension: float = 1.2  # factor by which the end of the sound is moved until no mode rings on
@@ -60,12 +60,12 @@ class Decay:
     """The decay of a sound."""
 
     rate: float  # d, nepers per second
-    tail: float | None  # from where on there is noise only, seconds; None where the sound lasts
+    tail: float | None  # time after which there is only noise, seconds; None if the sound lasts to the end
     noisy: bool = True  # whether the sound ends in noise, and not at the numerical floor of the level
 
 
 def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
-    """Return how the sound in a band, Hz, decays, from the level of a few channels."""
+    """Measure the decay of the sound in a band, Hz, from the level of a few channels."""
     decay = _decay_by_level(recording, band)
     while decay.tail is not None and decay.tail < DECAY.zoom * recording.duration:
         recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
@@ -80,7 +80,7 @@ def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
 def extend_to_last_mode(
     recording: Recording, band: tuple[float, float], decay: Decay, noise: Callable[[np.ndarray], np.ndarray] | None
 ) -> Decay:
-    """Return `decay` with its tail moved until no mode of the band rings on in it, as far as noise can be estimated.
+    """Return `decay` with a later tail, so that no mode of the band rings on in it.
 
     `noise`: power of one sample of the transform where it is known: noise that varies in time is then no mode.
     """
@@ -96,7 +96,7 @@ def extend_to_last_mode(
 
 
 def _last_tail(recording: Recording) -> float:
-    """Return the latest time from which on there is enough noise to estimate its power, seconds."""
+    """Return the latest start of a tail that is long enough to estimate the power of the noise, seconds."""
     return recording.duration - min(DECAY.min_tail_fraction * recording.duration, DECAY.min_tail)
 
 
@@ -125,7 +125,7 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
 
 
 def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
-    """Return the decay in a band by the level of a few channels in equal segments of the recording."""
+    """Measure the decay in a band from the level of a few channels in equal segments of the recording."""
     level = segment_levels(recording, band)
     if not level.max() > 0:
         problem = f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz"
@@ -168,7 +168,7 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
 
 
 def _reduced(recording: Recording, channels: np.ndarray, min_rate: float) -> tuple[np.ndarray, float]:
-    """Return channels (n, t) averaged over neighbouring samples, at `min_rate`, Hz, at least if possible."""
+    """Return channels (n, t) averaged over neighbouring samples, and their rate, `min_rate` or more if possible, Hz."""
     factor = max(1, int(recording.sample_rate / min_rate))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
@@ -235,7 +235,7 @@ def _spacing(
     noise: Callable[[np.ndarray], np.ndarray] | None,
     rate: float,
 ) -> Spacing:
-    """Return how close frequencies are worth taking, from the energy of a few channels over time in the band.
+    """Return the useful spacing of frequencies, from the energy of a few channels over time in the band.
 
     A sweep lasts longer than the response of the room, whose decay then counts.
     """
@@ -259,7 +259,7 @@ def _spacing(
 
 
 class WrapsRound(InputError):
-    """An impulse response whose beginning stands at its end."""
+    """An impulse response that wraps round: its beginning is at its end."""
 
 
 def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
@@ -331,7 +331,7 @@ def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Callable[
 
 @dataclass(frozen=True)
 class DeconvolutionSettings:
-    """How a recording is divided by the signal of its source."""
+    """Settings of the division of a recording by the signal of its source."""
 
     # lead, length: of a response: before the sound, and in all, seconds
     lead: float = 0.25

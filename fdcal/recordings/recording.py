@@ -32,7 +32,7 @@ from ..model.validation import (
 
 Kind = Literal["impulse", "stationary"]
 KINDS = get_args(Kind)
-CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples of a channel"}  # in messages
+CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"}  # in messages
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
 BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
@@ -63,11 +63,7 @@ class Recording:
     lowest: float = 0.0  # Hz, below which it holds nothing
 
     def __post_init__(self):
-        check(
-            self,
-            f"{self.path}: ",
-            {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"},
-        )
+        check(self, f"{self.path}: ", CALLED)
         names = tuple(self.names) or tuple(str(n) for n in range(self.count))
         if len(names) != self.count or len(set(names)) < len(names):
             raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
@@ -88,8 +84,7 @@ def sound_speed(celsius: float) -> float:
 
 
 def recording_of(path: str, kind: Kind | None, sample_rate: float, values, **others) -> Recording:
-    """Return a recording of an array (N, T) that is in memory or memory-mapped; the others are of `Recording`."""
-
+    """Return a recording of an array (N, T), in memory or memory-mapped; `others`: further fields of `Recording`."""
     count, samples = values.shape
     return Recording(path, kind, float(sample_rate), int(count), int(samples), block_of(values), **others)
 
@@ -112,7 +107,7 @@ def select_channels(recording: Recording, channels) -> Recording:
 
 
 def read_samples(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
-    """Return the samples `start` to `stop`, without the last, of all channels, or some (n,) : (n, stop - start)."""
+    """Return samples `start` to `stop` (exclusive) of all channels, or of some (n,) : (n, stop - start) float64."""
     channels = np.arange(recording.count) if channels is None else np.asarray(channels, np.int64)
     values = np.asarray(recording.block(start, stop, channels))
     if values.shape != (len(channels), stop - start):
@@ -131,13 +126,13 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
 
 
 def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
-    """Yield the beginnings and ends of ranges of `step` that make up a count."""
+    """Yield (start, stop) of successive ranges of length `step` that cover `count` items."""
     for first in range(0, count, max(1, step)):
         yield first, min(first + max(1, step), count)
 
 
 def in_memory(recording: Recording, max_samples: int = 4 * GROUP_SAMPLES) -> Recording:
-    """Return the recording held in memory as float32 if it has at most `max_samples`, else as it is."""
+    """Return the recording in memory as float32 if it has at most `max_samples`; return a larger one unchanged."""
     if recording.count * recording.samples > max_samples:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
@@ -203,7 +198,7 @@ def join_channels(files: Sequence[Recording]) -> Recording:
 
 
 def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
-    """Return parts of `seconds`, not less than `min_seconds`; a remainder below half a part is joined to the last."""
+    """Cut a recording into parts of `seconds`, at least `min_seconds`; a short remainder is joined to the last part."""
     if seconds < min_seconds:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
         raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split", value=seconds)
@@ -216,29 +211,28 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         longest = recording.duration / 1.5
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split", value=seconds)
-    fs, parts = recording.sample_rate, list[Recording]()
-    for first, last in zip(starts, [*starts[1:], recording.samples], strict=True):
-        parts.append(
-            replace(
-                recording,
-                path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
-                kind="stationary",
-                samples=last - first,
-                block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
-            )
+    fs = recording.sample_rate
+    return [
+        replace(
+            recording,
+            path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
+            kind="stationary",
+            samples=last - first,
+            block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
         )
-    return parts
+        for first, last in zip(starts, [*starts[1:], recording.samples], strict=True)
+    ]
 
 
 @dataclass(frozen=True)
 class ImportLimits:
-    """What is assumed where nothing is given, and what may be given."""
+    """Defaults and limits of an import."""
 
     # low, high: default band, Hz, of an array of unknown or large radius
     low: float = 20.0
     high: float = 500.0
     phase: float = 7.0  # largest k R of the default band of a small array, radians, which the solvers resolve
-    # least k R of the default band, radians. Below it the pressures differ by less than the responses of channels do
+    # least k R of the default band, radians; below it, channels differ more than the pressures do
     min_phase: float = 0.13
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
     max_frequency: float = 0.45  # relative to the sampling rate
@@ -352,7 +346,7 @@ def refused_option(options: ImportOptions, key: str, problem: str, remedy: str =
 
 
 def number_in(text: str) -> float:
-    """Return the number that a text of an option holds; NaN for any other text."""
+    """Return the number in a text, or NaN if it is not a number."""
     try:
         return float(text)
     except ValueError:
@@ -360,7 +354,7 @@ def number_in(text: str) -> float:
 
 
 def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float, str]:
-    """Return the sound speed, m/s, given that `in_file`, and where it is from, in words."""
+    """Return the sound speed, m/s, and its source in words; `in_file`: the speed that the file states, if any."""
     if options.sound_speed is not None:
         return options.sound_speed, "as given"
     if options.temperature is not None:

@@ -21,7 +21,7 @@ from .recording import Recording, read_samples
 
 @dataclass(frozen=True)
 class SynchronyRules:
-    """How delays are measured; figures are of 16 microphones in a living room, 12 s of sound."""
+    """Settings of the measurement of delays; figures are for 16 microphones in a living room and 12 s of sound."""
 
     # seconds of one transform: longer than most of the reverberation, and than the delays that are sought. Delays
     # scatter by 0.23 us in noise at 30 dB and 0.70 us in speech; with half of it by 0.39 and 0.91, with twice as much
@@ -32,10 +32,10 @@ class SynchronyRules:
     shortest: float = 2.0
     longest: float = 4.0
     stretches: int = 16  # of the recording, at most: more give the time of a step more exactly
-    fewest: int = 4  # stretches, below which nothing is known: a line and a step are the same in three
+    fewest: int = 4  # least number of stretches: with three, a line and a step cannot be told apart
     references: tuple[float, ...] = (0.5, 0.25, 0.75)  # quantiles of the level at which a reference is sought
-    changed: int = 2  # stretches of another delay, at least: in the one of a step either delay may win
-    # of the correlation over its root mean square: at most 4.4 of independent noise, 19 or more at 0 dB
+    changed: int = 2  # least number of stretches with another delay; the stretch that holds a step may have either
+    # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound at 0 dB 19 or more
     peak: float = 8.0
     fine: int = 4  # points per sample; 2 and 8 give the same scatter of delays
     # s, least change that counts: sound over the 0.8 m of an array is 4 us earlier where the air is warmed by 1 K
@@ -50,8 +50,8 @@ class ClockFault(NamedTuple):
     """What is wrong with the clock of a channel."""
 
     kind: str  # "drift", "jump" or "lost"; `fdcal.assessment.words.clock_words` has the words
-    value: float = 0.0  # of a drift ppm, of a jump seconds
-    since: float = 0.0  # seconds, of a jump and of a clock that is lost
+    value: float = 0.0  # ppm of a drift, seconds of a jump
+    since: float = 0.0  # time, seconds, of a jump or of the loss of a clock
 
 
 @dataclass(frozen=True)
@@ -76,13 +76,13 @@ class ChannelDelays:
         return found
 
     def unknown(self, names: tuple[str, ...]) -> list[str]:
-        """Return the channels of whose clock nothing is known, since they are hardly coherent with the others."""
+        """Return the channels whose clock is unknown, since they are hardly coherent with the others."""
         few = np.isfinite(self.delays).sum(axis=1) < SYNCHRONY.fewest
         faults = self.faults(names)
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
     def _change(self, row: np.ndarray) -> ClockFault:
-        """Return whether a delay is nearer to a line or to a step."""
+        """Return the fault, a drift or a jump, that fits the delays (G,) of a channel better."""
         seen = np.isfinite(row)
         t, d = self.times[seen], row[seen]
         slope = np.sum((t - t[0]) * d) / np.sum((t - t[0]) ** 2)
@@ -112,16 +112,16 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
         best = delays if known.sum() > np.isfinite(best).sum() else best
         if (known.sum(axis=0) > N / 2).all():  # with a faulty reference most others would be unknown somewhere
             break
-    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # of two it cannot be said which one is off
+    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # with two channels it is unknown which one is off
     best -= [_median(row) for row in best.T]
-    changes = np.diff(best)  # alike on a line, and of a step but one
+    changes = np.diff(best)  # on a line all are equal; at a step all but one are zero
     scatter = np.array([_median(np.abs(row - _median(row))) for row in changes]) * 1.4826 / np.sqrt(2)
     limit = np.maximum(rules.least, rules.scatter * np.maximum(scatter, np.median(scatter)))
     return ChannelDelays((np.arange(count) * step + span / 2) / fs, best, limit)
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the median of the finite values; 0 of none."""
+    """Return the median of the finite values; 0 if there are none."""
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
 
 

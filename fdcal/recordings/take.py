@@ -130,7 +130,7 @@ def replayed(
 ) -> SoundStream:
     """Return a recording as a stream.
 
-    `channels`: how many of them, the first ones; `wait`: called before each block with its length, s.
+    `channels`: how many to replay, from the first on; `wait`: called before each block with its length, s.
     """
     recording = formats.read(path)
     if channels is not None and channels > recording.count:
@@ -148,7 +148,7 @@ def replayed(
 
 
 def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
-    """Raise InputError where a file of this name cannot hold so much of a stream."""
+    """Raise InputError if a file of this name cannot hold `seconds` of a stream."""
     count, width = len(stream.names), 3 if stream.full_scale else 4
     if path.suffix.lower() == ".wav" and round(seconds * stream.sample_rate) * count * width > WAV_BYTES:
         problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
@@ -157,7 +157,7 @@ def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
 
 
 def next_take(path: Path) -> Path:
-    """Return the path of the take after one: the next number at the end of its name that no take has, from 1 on."""
+    """Return the path of the next take: the name of `path` with the next number that no take has."""
     stem = path.stem.rstrip("0123456789")
     digits = path.stem[len(stem) :]
     number = int(digits or 1)
@@ -175,7 +175,7 @@ def record_take(
     watch: Callable[[float, ChannelHealth], bool] = lambda seconds, health: True,
     force: bool = False,
 ) -> Take:
-    """Record a take of at most so many seconds as a file of 24 bits, or of floats where the stream has no full scale.
+    """Record a take of at most `seconds` to a file of 24 bits, or of floats if the stream has no full scale.
 
     `watch`: called after each block with the seconds and the state of the channels so far, returns whether to go on.
     What was recorded is kept, also where the stream fails.

@@ -34,7 +34,7 @@ class Format:
     """A file format: its suffixes and the functions that read or write it; None for what it cannot hold."""
 
     suffixes: tuple[str, ...]
-    # recording of a file; of several sources one, counted from 0, the first for None; with a rate, Hz, if it has none
+    # reads a file: path, number of the source (from 0; None is the first), sampling rate, Hz, of a file without one
     read: Read | None = None
     write: Callable[[Path, MicrophonePositions], None] | None = None  # writes positions to a file
     source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
@@ -43,7 +43,7 @@ class Format:
 
 @contextmanager
 def damaged(problem: str, remedy: str = "") -> Iterator[None]:
-    """Turn any error, as the library of a format raises it for a damaged file, into an InputError."""
+    """Turn any error that a library raises for a damaged file into an InputError."""
     try:
         yield
     except (InputError, StorageError):
@@ -60,7 +60,7 @@ def all_formats() -> tuple[Format, ...]:
 
 
 def suffixes(what: str) -> list[str]:
-    """Return the suffixes of the formats that can `what`: "read" or "write"."""
+    """Return the suffixes of the formats that fdcal can "read" or "write", which is `what`."""
     return sorted(suffix for one in all_formats() if getattr(one, what) for suffix in one.suffixes)
 
 
@@ -74,7 +74,7 @@ def reader_of(path: str | Path) -> Format | None:
 
 
 def sound_files(path: str | Path) -> list[Path]:
-    """Return the sound files in a folder that is itself no recording, numbers in their names by value."""
+    """Return the sound files of a folder without a format of its own, in natural order of their names."""
     path = Path(path)
     if not path.is_dir() or reader_of(path) is not None:
         return []
@@ -124,7 +124,7 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
 
 
 def wanted_source(path: Path, source: int | None, count: int) -> int:
-    """Return the number of the source that is asked for, the first for None; InputError where a file lacks it."""
+    """Return the number of the source that is wanted, 0 for None; InputError if the file does not have it."""
     source = source or 0
     if not 0 <= source < count:
         problem = f"source = {source} does not exist"
@@ -133,7 +133,7 @@ def wanted_source(path: Path, source: int | None, count: int) -> int:
 
 
 def source_count(path: str | Path) -> int:
-    """Return the number of sources in a file or folder; 1 where nothing can read it, which `read` then reports."""
+    """Return the number of sources in a file or folder; 1 for a file without a reader, which `read` reports."""
     path = Path(path)
     found = reader_of(path) if path.exists() else None
     return found.source_count(path) if found and found.source_count else 1
@@ -146,7 +146,7 @@ def write(path: str | Path, placed: MicrophonePositions) -> None:
 
 
 def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
-    """Return the suffix of an output; InputError, that it is none of `what`, unless it is allowed."""
+    """Return the suffix of an output file; InputError unless it is `allowed`; `what`: the kind of file."""
     suffix = Path(path).suffix.lower()
     if suffix not in allowed:
         remedy = f"use one of {', '.join(allowed)}"
@@ -155,13 +155,13 @@ def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
 
 
 PROCESSOR_SECONDS = 60  # for one call
-SECONDS = 600.0  # likewise on any clock: a disk on a network may be slow
+SECONDS = 600.0  # of wall-clock time for one call: a disk on a network may be slow
 BYTES = 4_000_000_000  # of address space of the process
 MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
 
 
 def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a function returns in a process of its own; InputError, which names `path`, where that fails."""
+    """Call a function in a process of its own and return its result; InputError that names `path` if it fails."""
     try:
         return libraries.call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
     except libraries.LimitError as error:
@@ -172,7 +172,7 @@ def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: An
 
 
 def isolated(read: Read) -> Read:
-    """Return a reader that does what `read` does, a function of a module, in a process of its own."""
+    """Return a reader that calls `read`, a function at the top of a module, in a process of its own."""
 
     def read_apart(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
         by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
@@ -183,7 +183,7 @@ def isolated(read: Read) -> Read:
 
 
 def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
-    """Return the fields of a recording but its block, and its samples if they are at most `max_held`; or its `part`."""
+    """Return the fields of a recording and its samples, None if more than `max_held`; with `part` only that block."""
     found = read()
     if part:
         return found.block(*part)
@@ -193,7 +193,7 @@ def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
 
 
 def require_whole_file(path: Path) -> None:
-    """Raise InputError for an HDF5 file with links or data that another file holds, and for a damaged one."""
+    """Raise InputError for a damaged HDF5 file, or for one whose links or data are in another file."""
     h5py = libraries.needs("h5py")
 
     links: list[tuple[bytes, int]] = []

@@ -35,19 +35,19 @@ MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 RATES = "samplerate samplingrate samplefreq samplingfreq samplefrequency samplingfrequency fs sr rate srate".split()
 TIMES = ("t", "time", "times", "zeit")
 PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
-ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples where their lengths do not tell
-LONGER = 2  # how many times as long as the other axis that of time is, so that it tells itself
-UNEVEN = 0.01  # of a step, by which times that are rounded may differ from even ones
+ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples if their lengths are similar
+LONGER = 2  # an axis at least so many times as long as the other is that of time
+UNEVEN = 0.01  # of a step: largest deviation of rounded times from evenly spaced ones
 MAX_LISTED = 6  # arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
 DIRECTIONS = {"azi_rad", "ele_rad"}  # of a measured room: `fdcal.model.sdm_response`
 
-Arrays = Mapping[str, Any]  # by name, NumPy's or what has shape, ndim and dtype alike
-Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # gives the array of the samples while it is read
+Arrays = Mapping[str, Any]  # by name: arrays of NumPy, or objects with shape, ndim and dtype
+Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # opens the array of the samples
 
 
 def keys_of(path: Path) -> list[str]:
-    """Return the names of the arrays in an archive; none where it cannot be read."""
+    """Return the names of the arrays in an archive; an empty list if it cannot be read."""
     try:
         require_regular(path)
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
@@ -81,7 +81,7 @@ def _rate(path: Path, arrays: Arrays, given: float | None) -> float | None:
 
 
 def _rate_of_times(times: np.ndarray) -> float | None:
-    """Return the rate of times (T,), s, that increase evenly; None for others, as those that are numbers of samples."""
+    """Return the sampling rate of evenly spaced times (T,), s; None for other values, such as numbers of samples."""
     if len(times) < MIN_SAMPLES or not np.all(np.isfinite(times)) or times[-1] <= times[0]:
         return None
     step = (times[-1] - times[0]) / (len(times) - 1)
@@ -90,9 +90,9 @@ def _rate_of_times(times: np.ndarray) -> float | None:
 
 
 def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callable[[str], Opened]) -> Recording:
-    """Return the recording in arrays; InputError, which lists them, where it is not clear which one holds the samples.
+    """Return the recording in arrays; InputError with a list of them if several may be the samples.
 
-    `rate`: Hz, where there is none among them; `opened`: of the name of an array, what opens it to be read.
+    `rate`: Hz, used if the arrays hold none; `opened`: returns, for the name of an array, a function that opens it.
     """
 
     def long(array: Any) -> list[int]:
@@ -182,7 +182,7 @@ def _read_mat(path: Path, source: int | None = None, rate: float | None = None) 
 
 
 def _of_matlab(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays in a file of MATLAB, those of a structure as "name.field"."""
+    """Return the arrays in a MATLAB file; a field of a structure is called "name.field"."""
     from scipy.io import loadmat
 
     def flat(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -197,7 +197,7 @@ def _of_matlab(path: Path) -> dict[str, np.ndarray]:
 
 
 def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    """Return the recording in a table: lines of numbers below a header or none, with a column of times or none."""
+    """Return the recording in a table of numbers, with or without a header and a column of times."""
     from .positions import is_header  # which reads SOFA
 
     def is_data(line: str) -> bool:

@@ -32,11 +32,11 @@ from . import Format, damaged, isolated_call
 from .sofa import placed_receivers
 
 MAX_BYTES = 10_000_000  # of a file of positions
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
 LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
 STILL_M = 1e-3  # an array that moves less stands still
 ANGLES = ("azimuth", "elevation", "polar")
-# Words of a header, and what the column holds; the first meaning counts.
+# What a column holds, and the words of a header that say so; the first match counts.
 MEANINGS = {
     "uncertainty": "uncertainty sigma std sd err error tolerance",
     "x": "x",
@@ -50,7 +50,7 @@ MEANINGS = {
     "name": "name names label labels id mic mics microphone microphones mikrofon channel channels ch kanal canal sensor"
     " point nr no number nummer index",
 }
-# How many make a metre.
+# Units: how many make a metre.
 UNITS = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("dm",), 10.0),
@@ -107,7 +107,7 @@ def is_number(cell: str) -> bool:
 
 
 def meaning(cell: str) -> tuple[str, float | None]:
-    """Return what the column of a header holds, of MEANINGS or "" where it is not known, and its unit."""
+    """Return the meaning of a cell of a header, a key of MEANINGS or "" if unknown, and its unit, how many a metre."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", cell)  # posX, XPos
     words = re.findall(r"[^\W\d_]+", re.sub(r"\b([xyz])(mm|cm|m|in|ft)\b", r"\1 \2", spaced.lower()))
     found = [kind for kind, known in MEANINGS.items() if set(words) & set(known.split())]
@@ -136,7 +136,7 @@ def _text(content: bytes) -> str:
 
 
 def _read_table(content: bytes) -> Places:
-    """Return the positions in a table of any delimiter: that by which its cells are numbers."""
+    """Return the positions in a table; the delimiter is the one that gives most cells that are numbers."""
     text = _text(content)
     separator = re.match(r'"?sep=(.)"?\r?\n', text)  # a first line of Excel
     found = list[tuple[bool, int, Rows]]()
@@ -155,7 +155,7 @@ def _read_table(content: bytes) -> Places:
 
 
 def _read_sheet(content: bytes) -> Places:
-    """Return the positions in the only sheet with cells of an Excel file."""
+    """Return the positions in an Excel file, of which only one sheet may have cells."""
     main, sheets = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}", list[Rows]()
     with zipfile.ZipFile(io.BytesIO(content)) as file:
         names = [one for one in file.namelist() if re.fullmatch(r"xl/(worksheets/[^/]+|sharedStrings)\.xml", one)]
@@ -211,7 +211,7 @@ def _read_odas(content: bytes) -> Places:
 
 
 def _read_object(content: bytes) -> Places:
-    """Return the positions in JSON: the only list, or object by names, of microphones, or object of columns."""
+    """Return the positions in JSON: a list of microphones, an object with one key for each, or an object of columns."""
     found = list(_lists_of_places("", json.loads(_text(content)), {}))
     of_microphones = [one for one in found if re.search("mic|receiver|^positions$", one[0].lower())]
     found = of_microphones if len(of_microphones) == 1 else found
@@ -241,7 +241,7 @@ def _read_object(content: bytes) -> Places:
 
 
 def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield what may be the positions in a value of JSON: their key, themselves, and the object that holds them."""
+    """Yield candidates for the positions in a JSON value: key, value, and the object that contains it."""
     if isinstance(value, dict) and is_header(list(value)):  # columns of pandas are objects by index
         value = {name: list(one.values()) if isinstance(one, dict) else one for name, one in value.items()}
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
@@ -258,7 +258,7 @@ def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[t
 
 
 def _is_place(value: Any, inside: bool = True) -> bool:
-    """Return whether a value of JSON is a microphone: two or three numbers, or an object that has them."""
+    """Return whether a JSON value describes a microphone: two or three numbers, or an object that contains them."""
     if isinstance(value, list):
         return len(value) in (2, 3) and all(type(one) in (int, float) for one in value)
     return isinstance(value, dict) and (
@@ -267,7 +267,7 @@ def _is_place(value: Any, inside: bool = True) -> bool:
 
 
 def _of_records(records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Places:
-    """Return the positions in records of texts, one for each microphone, of which coordinates and one name count."""
+    """Return the positions in records, one for each microphone; only coordinates and the first name are used."""
     keys = list(dict.fromkeys(key for one in records for key in one if meaning(key)[0]))
     names = [key for key in keys if meaning(key)[0] == "name"]
     keys = [key for key in keys if key not in names[1:]]
@@ -287,7 +287,7 @@ def _of_array(values: Any, unit: float | None = None) -> Places:
 
 
 def _of_sheet(rows: Rows) -> Places:
-    """Return what the lines of a sheet hold: comments, titles, a header or none, microphones."""
+    """Return the positions in the lines of a sheet: comments, titles, perhaps a header, then the microphones."""
     comments = {n: row for n, row in rows.items() if re.match("#|%|//", row[0]) and not (row[0] == "#" and row[1:])}
     body = {n: row for n, row in rows.items() if n not in comments} or dict(rows)
     width = max(map(len, body.values()), default=0)
@@ -326,7 +326,7 @@ def _of_sheet(rows: Rows) -> Places:
 
 
 def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
-    """Return the header of a table that has none, by the kinds and the number of its columns."""
+    """Return the header of a table without one, derived from the number of its columns and what they hold."""
     columns = [[row[c] if c < len(row) else "" for row in rows] for c in range(width)]
     named = not any(map(is_number, columns[0]))
     counting = width == 3 and _counts(columns[0])
@@ -345,8 +345,8 @@ def _of_rows(
 ) -> Places:
     """Return names and positions of the rows of a table below its header.
 
-    `where`: what a row is; `unit`: how many make a metre where the header does not say it; `unique`: whether a name
-    that occurs twice is refused; otherwise the microphones are numbered.
+    `where`: what messages call a row; `unit`: how many make a metre, if the header does not say so; `unique`: whether
+    a name that occurs twice is refused; otherwise the microphones are numbered.
     """
     if [meaning(cell)[0] for cell in head].count("x") > 1:
         head, rows = _one_row_each(head, rows)
@@ -396,7 +396,7 @@ def _of_rows(
 
 
 def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], unique: bool) -> list[str]:
-    """Return the names of the rows, or their numbers; refuse a column of numbers that is neither used nor a count."""
+    """Return the names of the rows, or their numbers; InputError for a column of numbers that is not understood."""
     kinds = [meaning(cell)[0] for cell in head]
     left = [c for c in range(len(head)) if c not in used and kinds[c] not in ("uncertainty", "unit")]
     naming = sorted((c for c in left if kinds[c] == "name"), key=lambda c: head[c] in ("", "#"))[:1]
@@ -430,7 +430,7 @@ def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
 
 
 def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
-    """Return a row for each microphone, of columns mic1_x, mic1_y, ... and a row for each time, as LOCATA has them."""
+    """Return one row for each microphone of a table of LOCATA: columns mic1_x, mic1_y, ..., a row for each time."""
     groups: dict[str, dict[str, int]] = {}
     for column, cell in enumerate(head):
         if match := re.fullmatch(r"(.*\d)[\W_]*([xyz])", cell, re.IGNORECASE):
@@ -453,7 +453,7 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
     return ["name", *next(iter(groups.values()))], dict(enumerate(found))
 
 
-# By the suffix of a file: its reader, and what a file is that the reader cannot parse.
+# For each suffix: the reader, and the message for a file that it cannot parse.
 READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a table in text form")),
     ".xlsx": (_read_sheet, "no sheet of Excel that can be read"),
@@ -466,7 +466,7 @@ READERS = {
 
 
 def _write(path: Path, placed: MicrophonePositions) -> None:
-    """Write positions, metres with all digits; an unknown uncertainty is empty, or null."""
+    """Write positions, metres, with all digits; an unknown uncertainty is left empty, or null in JSON."""
     sigma = [None] * len(placed.names) if placed.uncertainty is None else placed.uncertainty.tolist()
     rows = [[name, *p, s] for name, p, s in zip(placed.names, placed.positions.tolist(), sigma, strict=True)]
     keys = ["name", "x", "y", "z", "uncertainty"]

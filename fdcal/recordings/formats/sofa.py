@@ -94,7 +94,7 @@ def receiver_positions(file, path: Path, measurements: int, receivers: int) -> n
 
 
 def placed_receivers(path: Path) -> np.ndarray:
-    """Return the positions (N, 3), metres, of the channels of the first source, without what they recorded."""
+    """Return the positions (N, 3), metres, of the channels of the first source; the responses are not read."""
     with open_sofa(path) as file:
         _, shape, _ = responses(file, path)
         first = sources_of(file, path, shape["M"]) == 0
@@ -102,14 +102,14 @@ def placed_receivers(path: Path) -> np.ndarray:
 
 
 def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray:
-    """Return values for each of `count`; one for all is repeated."""
+    """Return one row of values for each of `count`; a single row is repeated."""
     if len(values) not in (1, count):
         raise InputError(f'{path}: "{name}" has {len(values)} rows', f"give 1 or {count}", key=name)
     return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
 
 
 def sources_of(file, path: Path, measurements: int) -> np.ndarray:
-    """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
+    """Return the number of the source position of each measurement : (M,) int64, numbered in the order of the file."""
     places = cartesian(file, path, "SourcePosition", measurements)
     firsts, member = list[np.ndarray](), list[int]()
     for place in places:
@@ -134,7 +134,7 @@ def responses(file, path: Path) -> tuple[list[str], dict[str, int], tuple[str, .
 
 
 def frequencies_of(file, path: Path, count: int) -> tuple[float, int]:
-    """Return the spacing, Hz, of the frequencies of transfer functions, and how many of them are below the first."""
+    """Return the spacing, Hz, of the frequencies of transfer functions, and the first of them in units of it."""
     f = values_of(file, path, "N").ravel() * _kilo(file, "N")
     step = (f[-1] - f[0]) / max(len(f) - 1, 1)
     if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:
@@ -151,7 +151,7 @@ def _kilo(file, name: str) -> float:
 
 
 def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
-    """Return the number of samples by which each response begins later than the first of all : (M, R) int64."""
+    """Return the delay of each response after the earliest one, in whole samples : (M, R) int64."""
     count = shape["M"], shape["R"]
     if "Data.Delay" not in file.variables:
         return np.zeros(count, np.int64)
@@ -225,7 +225,7 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
 
 
 def _source_count(path: Path) -> int:
-    """Return the number of sources: places of the source, times its emitters."""
+    """Return the number of sources: source positions times emitters."""
     with open_sofa(path) as file:
         _, shape, _ = responses(file, path)
         return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]

@@ -22,19 +22,19 @@ from . import Format
 # What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE)
 LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # of RF64
-# Bytes of sound by which a program says that it did not know them: sox, ALSA, ffmpeg, 64-bit formats.
+# Lengths that programs write when they do not know the length: sox, ALSA, ffmpeg, 64-bit formats.
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
 READ_ON = "the length in its header is not that of the file, which is read to its end"
 LONGEST = 2**36 - 1  # samples of a FLAC file
-# Of formats by their first bytes: bytes before the first chunk, and the form of the length of a chunk, whose name has
-# four bytes.
+# Formats by their first bytes: number of bytes before the first chunk, and type of a chunk's length, which follows its
+# name of four bytes.
 CHUNKS = {b"RIFF": (12, "<I"), b"RF64": (12, "<I"), b"BW64": (12, "<I"), b"RIFX": (12, ">I"), b"caff": (8, ">q")}
 
 log = logging.getLogger(__name__)
 
 
 class Patched(io.FileIO):
-    """A file with other bytes at some places: `changes`, by their places."""
+    """A file in which some bytes are replaced when it is read; `changes`: the new bytes by their offset."""
 
     def __init__(self, path: Path, changes: dict[int, bytes]):
         super().__init__(path)
@@ -52,7 +52,7 @@ class Patched(io.FileIO):
 
 
 def _with_length(path: Path) -> dict[int, bytes]:
-    """Return the bytes of a header by which its sound lasts to the end of the file; none where that is not known."""
+    """Return changes of a header, as of `Patched`, after which the sound ends with the file; {} if unknown."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         magic = file.read(4)
@@ -81,12 +81,12 @@ def _with_length(path: Path) -> dict[int, bytes]:
 
 
 def _cut_off(announced: int, there: int, before: int) -> bool:
-    """Return whether bytes of sound are missing; `before`: bytes before the sound, which the number may count."""
+    """Return whether bytes of sound are missing. `before`: bytes before the sound, which `announced` may include."""
     return before < announced - there and not any(announced in unknown for unknown in UNKNOWN)
 
 
 def _counted(path: Path) -> int:
-    """Return the number of samples of a file that does not say it, by reading all."""
+    """Return the number of samples of a file whose header does not state it, by reading all of them."""
     import soundfile
 
     class Forward(soundfile.SoundFile):
@@ -107,7 +107,7 @@ def _opened(path: Path, changes: dict[int, bytes]):
 
 
 def _name(path: Path) -> Any:
-    """The name as bytes, which libsndfile opens whatever their encoding; its type stubs know texts only."""
+    """Return the path as bytes, which libsndfile opens in any encoding; its type stubs allow only str."""
     return os.fsencode(path)
 
 
