@@ -27,8 +27,8 @@ FLAT = 1e-3  # smallest extent of an array over its largest one that counts: bel
 class GaugeFrame:
     """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well."""
 
-    # (D + 1,) int64: the position of the first is fixed, the direction from it to the second, and for each of the others
-    # on which side of the line, or plane, through the ones before it lies
+    # (D + 1,) int64: fixed are the position of the first, the direction from it to the second, and on which side of the
+    # line, or plane, through the ones before it each of the others lies
     microphones: np.ndarray
     positions: np.ndarray  # (D + 1, D) float64, metres. Of all but the first only the directions and sides matter
 
