@@ -27,7 +27,7 @@ MIN_FREQUENCIES = 6
 
 
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
-    """Return the radius, metres, of the disc or ball that is as coherent as an array; None where that is unknown.
+    """Estimate the radius, metres, of an array: that of the disc or ball with the same coherence; None if unknown.
 
     `pressures` (M, N), any unit, any gains; `wavenumbers` (M,) rad/m, too few or all too high where it is unknown.
     """

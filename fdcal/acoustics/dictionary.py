@@ -37,7 +37,8 @@ NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in o
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
     """Return the order L = ceil(Re(k) R) + offset of the expansion (Eq. 3); k in rad/m, R in metres.
 
-    The truncation error of the paper's, 0, exceeds the effect of a centimetre in the low modes, which 2 avoids.
+    With the paper's offset of 0 the truncation error in the low modes exceeds the effect of moving a microphone by a
+    centimetre; an offset of 2 avoids that.
     """
     return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
 
@@ -120,8 +121,8 @@ def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike
 
 SMALL_BESSEL = 0.2  # below it the power series is used: the recurrence would overflow within a few orders
 SPARE = 24  # orders beyond the argument and the highest order wanted, at which the recurrence begins
-FIRST, LARGE = 1e-290, 1e250  # the recurrence begins with one and is divided by the other where it has grown beyond it
-INTERVAL = 8  # orders between two looks at the size of the values
+FIRST, LARGE = 1e-290, 1e250  # first value of the recurrence, and the value beyond which it is scaled down
+INTERVAL = 8  # orders between two checks of the size of the values
 
 
 def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
@@ -133,7 +134,7 @@ def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
     size = np.abs(z)
     small = size < SMALL_BESSEL
     apart, start = np.where(small, 1.0, z), top + int(size.max(initial=0.0)) + SPARE
-    # Multiples of the functions, another one for each argument: f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
+    # f is the function times an unknown factor for each argument: f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
     f, inverse = np.empty((start + 1, *z.shape), apart.dtype), 1.0 / apart
     f[start] = FIRST
     np.multiply(inverse, (2 * start + odd) * FIRST, out=f[start - 1])
@@ -216,7 +217,7 @@ def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
     return kappa, slope
 
 
-SPARE_ORDERS = 8  # that the recurrence starts above those in use: exact to rounding
+SPARE_ORDERS = 8  # orders above those in use at which the recurrence starts, for results exact to rounding
 
 
 class LatticeDictionary:
@@ -251,7 +252,7 @@ class LatticeDictionary:
     def radial(self, modes: slice) -> np.ndarray:
         """Return the table of some modes (M, U, Lmax + 1), J_l at U radii, zero above the order of the mode.
 
-        A mode's is made when it is first used: a solver begins with few of them, and all take a second.
+        The table of a mode is made when it is first used: a solver begins with few modes, and all take a second.
         """
         self._make(np.arange(len(self.orders))[modes])
         return self._radial[modes]

@@ -96,7 +96,7 @@ def neighbour_sum(p: np.ndarray) -> np.ndarray:
 
 
 def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
-    """Return row and column (N, 2) of the cells that contain points (N, 2), metres; `name`: what messages call them."""
+    """Return row and column (N, 2) of the cells that contain points (N, 2), metres; `name`: of a point, in messages."""
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = np.floor(points[:, ::-1] / cell + 1e-9).astype(np.int64)
     fits = np.all((cells >= 0) & (cells < grid.mask.shape), axis=1)
@@ -109,7 +109,7 @@ def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
 
 
 def padded_width(grid: Grid) -> int:
-    """Return the cells of a stored row: the room's, a border on either side, up to a whole number of cache lines."""
+    """Return the number of cells in a stored row: the room and a border on either side, in whole cache lines."""
     return -(-(grid.mask.shape[1] + 2) // ALIGNMENT) * ALIGNMENT
 
 
@@ -167,7 +167,7 @@ TAPS = 3.3  # length of a Hamming-windowed filter times its transition width ove
 
 
 def pulse_length(source: Source) -> int:
-    """Return the length of the pulse in samples, to be checked before it is built: a low band needs much memory."""
+    """Return the length of the pulse in samples, which is checked before a pulse is built that fills the memory."""
     return 2 * math.ceil(0.5 * TAPS * source.band.sample_rate / source.band.low) + 1
 
 
@@ -175,7 +175,7 @@ def pulse(source: Source) -> np.ndarray:
     """Return a zero-mean pulse, flat from `source.low` to `source.high`, that starts and ends in silence.
 
     A linear-phase band-pass whose gain falls to zero within `source.low` hertz on either side of the band. The mean,
-    small already, is removed exactly: a rigid room would keep it, or it would grow.
+    small already, is removed exactly: in a rigid room it would never decay, and might grow.
     """
     from scipy.signal import firwin, get_window  # takes a second to load, which a cached simulation does not need
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # loads the signal library, which reading a measurement does 
 
 
 def require_measurable(scene: Scene) -> None:
-    """Check what can be checked without simulating: the duration of the recording and the band."""
+    """Raise InputError for a duration of the recording or a band that cannot be simulated."""
     if scene.room.response is not None:
         from .plane_waves import require_rendered
 
@@ -60,7 +60,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, c
 
 
 def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float], None] | None]]:
-    """Return the scene of each take, and what is to be called with the fraction of its simulation that is done."""
+    """Return the scene of each take and a function that reports the fraction done of its simulation."""
     if scene.source is not None and scene.source.positions:
         positions_of(scene)  # refuses an impossible place by its number
     scenes = scene.takes()
@@ -74,8 +74,8 @@ def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float]
 def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:
     """Return the pressures at the modes that are picked, without noise and faults; parameters as of `measure`.
 
-    Of a scene with one place of the source. It depends on the room, the source, the array and the picking alone, so
-    that many measurements may share it.
+    The scene must have one place of the source. The field depends only on room, source, array and picking, so many
+    measurements may share it.
     """
     require_measurable(scene)
     room, sensing = scene.room, scene.measurement
@@ -107,9 +107,9 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
 
 
 def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
-    """Return what the microphones of a scene measure of its `sound_field`, one for each place of the source.
+    """Return the measurement of a scene from its sound fields, one for each place of the source.
 
-    With noise, drawn for each take, and the faults of the channels, which all takes share.
+    Noise is drawn for each take; the faults of the channels are the same in all takes.
     """
     positions, takes = positions_of(scene), []
     for number, modes in enumerate(fields):
@@ -235,7 +235,7 @@ def _recorded(scene: MeasuredScene) -> Measurement:
 
 def _measurement_name(scene: Scene) -> str:
     table = dataclasses.asdict(scene)
-    for name in ("name", "title", "solver"):  # these do not affect what is measured
+    for name in ("name", "title", "solver"):  # these do not affect the measurement
         del table[name]
     table["source"] = scene.source and scene.source.table()
     if scene.faults == Faults():

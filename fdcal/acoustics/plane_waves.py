@@ -23,7 +23,7 @@ from ..model.settings import Sensing
 from ..model.validation import refusal
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
-TAPS = 8  # samples that one wave is spread over by the interpolation between samples
+TAPS = 8  # samples of the interpolation of one wave
 MAX_FREQUENCY = 1 / 6  # of responses that are rendered, relative to the sampling rate
 POINTS = 6  # points of the spectrum per 1 / duration
 
@@ -69,7 +69,7 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
 
 
 def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
-    """Raise InputError for frequencies that the response does not have, or that it cannot distinguish."""
+    """Raise InputError for frequencies above those of the response, or closer than it resolves."""
     if sensing.highest > MAX_FREQUENCY * response.sample_rate:
         why = f"is too high for a response of {response.sample_rate:g} Hz"
         remedy = f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz"
@@ -85,7 +85,7 @@ def modal_pressures(
 ) -> ModalPressures:
     """Return the pressures of an array in a measured room, before noise, at (N, 3) metres from the response's origin.
 
-    The wavenumbers are real: the response is complete, so that nothing is weighted.
+    The wavenumbers are real: the response has decayed, so no exponential window is needed.
     """
     require_rendered(response, sensing)
     rows = plane_wave_responses(response, positions, sound_speed)

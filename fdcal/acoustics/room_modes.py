@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike
 from ..model.validation import InputError, Numbers, Reals
 
 RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
-MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory
+MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and would fill the memory
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
@@ -54,7 +54,7 @@ def independent_frequencies(
 ):
     """Return frequencies, Hz, from `low` to `high`, that a source in the room excites independently : (M,), ascending.
 
-    Without `size`, the lengths of the room, metres, resonances are taken to overlap everywhere.
+    `size`: lengths of the room, metres; without it resonances are assumed to overlap everywhere.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH
@@ -103,7 +103,7 @@ def nearest_symmetry(points: Reals, to: Reals, size: Sequence[float]) -> RoomSym
 
 @dataclass(frozen=True)
 class Truncation:
-    """Where the sums over modes end."""
+    """Limits of the sums over modes."""
 
     # exact_from_2d, exact_from_3d: distance from the source from which the point-source model is exact, metres
     exact_from_2d: float = 0.7

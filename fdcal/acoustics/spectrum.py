@@ -88,9 +88,9 @@ def mean_power(
 ) -> tuple[float, float, np.ndarray]:
     """Return the power spectrum in which `pick_peaks` finds peaks, averaged over the microphones.
 
-    The recording is weighted with a Blackman-Harris window raised to a power between 0 and 1: to 1 for a room that has
-    not decayed, to 0 for one that has, whose sound is at the start. Returns the first frequency and the distance of the
-    points, Hz, and the power (F,), in the squared unit of the recordings (N, T).
+    The recording is weighted with a Blackman-Harris window raised to a power between 1, for sound that has not decayed
+    at the end, and 0, for sound that has. Returns the first frequency and the distance of the points, Hz, and the power
+    (F,), in the squared unit of the recordings (N, T).
     """
     from scipy.signal import get_window  # takes a second to load, which reading a cached measurement does not need
 
@@ -139,7 +139,7 @@ def check_band(duration: float, fs: float, highest: float, resolution: float) ->
 
 
 def require_duration(duration: float, resolution: float, line_width: float) -> None:
-    """Raise InputError unless a duration, s, resolves lines of a width times the duration, `resolution` Hz apart."""
+    """Raise InputError unless a duration, s, resolves lines `resolution` Hz apart; `line_width`: times the duration."""
     if duration * resolution < line_width * (1 - 1e-9):
         why = f"is too short for measurement.resolution = {resolution:g} Hz"
         seconds, hertz = (math.ceil(line_width / other * 100) / 100 for other in (resolution, duration))

@@ -14,8 +14,8 @@ import sys
 import time
 import traceback
 import webbrowser
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -31,20 +31,13 @@ from . import options as opt
 INTERRUPTED = "interrupted; nothing is left half-written"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
 REPORT = "this is a fault of fdcal; please report it with the command, its input and what the same command prints with"
-LONGEST = 600  # characters of the one line
+LONGEST = 600  # characters of an error message
 ENTRY_POINTS = "fdcal.commands"
-ELSEWHERE = {"study": "fdcal_bench"}  # commands of other distributions, and the folder of each in a checkout
-
-
-@dataclass
-class End:
-    """How a command has ended: its exit code."""
-
-    code: int = 0
+ELSEWHERE = {"study": "fdcal_bench"}  # commands of other distributions: their folders in a checkout
 
 
 def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
-    """Return the arguments without `--debug`, wherever it stands before `--`, and whether it was among them."""
+    """Return the arguments without `--debug`, anywhere before `--`, and whether it was given."""
     args = list(args)
     stop = args.index("--") if "--" in args else len(args)
     head = [argument for argument in args[:stop] if argument != "--debug"]
@@ -52,12 +45,12 @@ def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
 
 
 def printable(text: str) -> str:
-    """Return a text without control characters, which names in files and of files may hold."""
+    """Return a text without control characters, which may occur in names of files and microphones."""
     return "".join(x if x.isprintable() or x in "\n\t" else "?" for x in text)
 
 
 class PrintableOutput:
-    """A stream to which texts are written as `printable`."""
+    """A stream that writes only `printable` text."""
 
     def __init__(self, stream: Any):
         self._stream = stream
@@ -68,23 +61,6 @@ class PrintableOutput:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
-
-
-@contextlib.contextmanager
-def guarded(debug: bool = False) -> Iterator[End]:
-    """Turn an exception into one line on standard error, after the traceback with `debug`, and an exit code."""
-    end = End()
-    try:
-        yield end
-    except (KeyboardInterrupt, Exception) as error:
-        if debug:
-            with contextlib.suppress(OSError):
-                traceback.print_exc()
-        message, end.code = _described(error)
-        line = " ".join(message.split())
-        line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
-        with contextlib.suppress(OSError, ValueError):  # where nobody reads it
-            print("error:", printable(line), file=sys.stderr, flush=True)
 
 
 def _described(error: BaseException) -> tuple[str, int]:
@@ -105,19 +81,28 @@ def _described(error: BaseException) -> tuple[str, int]:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run a command and exit with its code."""
+    """Run a command and exit with its code; an error is one line on standard error, --debug adds the traceback."""
     given, debug = without_debug(sys.argv[1:] if args is None else args)
     output: Any = PrintableOutput(sys.stdout)
-    quiet = contextlib.redirect_stdout(output)
-    with guarded(debug) as end, quiet, ended_as_interrupted(), one_blas_thread_for_command():
-        end.code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
-        try:
-            sys.stdout.flush()
-        except OSError:  # nobody reads it: nothing is left for Python to write
-            with contextlib.suppress(OSError, ValueError, AttributeError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise
-    sys.exit(end.code)
+    try:
+        with contextlib.redirect_stdout(output), ended_as_interrupted(), one_blas_thread_for_command():
+            code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
+            try:
+                sys.stdout.flush()
+            except OSError:  # the reader of the output is gone: leave Python nothing to write when it exits
+                with contextlib.suppress(OSError, ValueError, AttributeError):
+                    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                raise
+    except (KeyboardInterrupt, Exception) as error:
+        if debug:
+            with contextlib.suppress(OSError):
+                traceback.print_exc()
+        message, code = _described(error)
+        line = " ".join(message.split())
+        line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
+        with contextlib.suppress(OSError, ValueError):  # standard error may be closed
+            print("error:", printable(line), file=sys.stderr, flush=True)
+    sys.exit(code)
 
 
 class Commands(click.Group):
@@ -327,7 +312,7 @@ def warm():
 
 
 def all_pieces() -> list[tuple[str, Callable[[], object]]]:
-    """Return what is compiled, in words, and the calls that compile it."""
+    """Return descriptions of what is compiled, and the functions that compile it."""
     from ..solvers import MINIMA, SEARCH
 
     def simulate_rooms() -> None:  # one with few rows, and one with enough for several threads

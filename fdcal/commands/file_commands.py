@@ -171,7 +171,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     options = ImportOptions(
         leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
     )
-    # What is wrong with a file is said before anything is recorded.
+    # Files are checked before anything is recorded.
     if positions is not None:
         read_positions(positions)
     path = opt.output_path(output, SUFFIXES, force, *earlier, *replay)
@@ -214,7 +214,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
 
 def _result(together: Callable[..., TakesResult], paths: list[str], path: Path | None) -> TakesResult | None:
-    """Return what takes say together, after printing it and writing it to a file; None where they say nothing."""
+    """Calibrate all takes together, print the result and write it to a file; return None if there is no result."""
     from ..assessment.result_file import save_result
 
     try:
@@ -230,7 +230,7 @@ def _result(together: Callable[..., TakesResult], paths: list[str], path: Path |
 
 
 def _answer(this: str, following: str) -> str:
-    """Return what its user wants next: "" another take, "r" this one again, "q" the end, as where nobody is asked."""
+    """Ask what to do next: "" is another take, "r" this take again, "q" the end; "q" without an input to ask."""
     question = f"Move the loudspeaker. Enter records {following}, r {this} again, q ends: "
     try:
         while (answer := input(question).strip().lower()) not in ("", "r", "q"):
@@ -242,7 +242,7 @@ def _answer(this: str, following: str) -> str:
 
 
 def _newly_faulty(seconds: float, health: ChannelHealth, names: Sequence[str], known: dict[int, str]) -> list[str]:
-    """Return a line for each fault that channels newly have, and note it in `known`, by the number of the channel."""
+    """Return a line for each new fault of a channel, and store it in `known` under the number of the channel."""
     lines = []
     for n in map(int, health.bad):
         fault = health.fault(n, names)

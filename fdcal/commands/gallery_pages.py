@@ -82,7 +82,7 @@ SHOWS = (
         "Gains differ by 1 dB and 5 degrees, one channel is inverted and one is dead: the solver finds both.",
     ),
 )  # fmt: skip
-# What the index says of each lesson that it holds.
+# Lessons in the index, and their descriptions.
 LESSONS = {
     "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
     "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
@@ -221,7 +221,7 @@ def _paragraphs(text: str) -> Sequence[str]:
 
 
 def _part(setting: LessonSetting, problem: Problem) -> dict:
-    """What a part of a step sets, by the names of the replay; what it leaves out stays."""
+    """Return the settings of a part of a step under their names in the replay; settings left out stay unchanged."""
     values: dict = {
         "microphone": -1 if setting.follow else setting.microphone,
         "objective": None if setting.quantity is None else setting.quantity == "objective",

@@ -33,7 +33,7 @@ NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
 class ValueOf(click.ParamType):
-    """The type of an option whose text `read` takes; a text that it cannot read is refused in these words."""
+    """The type of an option that `read` parses; `words` is the message for a text that it cannot parse."""
 
     name = "value"
 
@@ -48,7 +48,7 @@ class ValueOf(click.ParamType):
 
 
 def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
-    """Return the groups of a pattern that a text has as a whole; ValueError for another text."""
+    """Return the groups of a pattern that matches a whole text; ValueError if it does not match."""
     match = re.fullmatch(pattern, value.strip(), flags)
     if match is None:
         raise ValueError
@@ -56,7 +56,7 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
 
 
 def _with_unit(units: str, low: float = 0.0) -> Callable[[str], float]:
-    """Return the function that reads a number and its unit; metres, seconds, or the number, `low` at least."""
+    """Return a function that reads a number with its unit, in metres or seconds, and refuses one below `low`."""
 
     def read(value: str) -> float:
         number, unit = _matched(rf"{NUMBER}\s*({units})", value)
@@ -179,7 +179,7 @@ class RoomOrScene(click.ParamType):
 def search_domain(
     own: Search | None, dimension: int, search: list[float] | None, radius: float | None
 ) -> Search | None:
-    """Return the search domain of --search and --radius; what is not given is that of the measurement, its `own`."""
+    """Return the search domain of --search and --radius; what is not given is taken from the measurement's `own`."""
     if search is None and radius is None:
         return own
     if radius is None or (search is None and own is None):
@@ -197,7 +197,7 @@ def search_domain(
 
 
 def mode_numbers(modes: list[int] | None, measured: int) -> list[int]:
-    """Return modes counted from 1, each once, ascending; 1, 5 and 9 unless given."""
+    """Return mode numbers, from 1, ascending and without repetition; 1, 5 and 9 by default."""
     if modes is None:
         return [m for m in (1, 5, 9) if m <= measured]
     for mode in modes:
@@ -216,9 +216,9 @@ def microphone_number(number: int, count: int) -> int:
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
-    """Return the path of the option -o, checked before the work begins, which may take long.
+    """Return the path of the option -o; it is checked before the work begins, which may take long.
 
-    `suffix`: those allowed, in lower case; `inputs`: files that must not be overwritten, even by `force`.
+    `suffix`: allowed suffixes, in lower case; `inputs`: files that must not be overwritten, even with `force`.
     """
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
@@ -241,18 +241,18 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
 
 
 def option_name(key: str) -> str:
-    """Return what the command line calls an argument that has no other name there."""
+    """Return the option for an argument that has the same name on the command line."""
     return f"--{key.replace('_', '-')}"
 
 
-# The settings of a solver that are options of `fdcal calibrate`, and what their declarations say.
+# Settings of a solver that are options of `fdcal calibrate`, and their declarations.
 SOLVER_OPTIONS = {
     field.name: declared
     for field in fields(SolverSettings)
     if "help" in (declared := declaration(SolverSettings, field.name)[1])
 }
 
-# How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
+# Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out microphone modes most port positions reference "
@@ -281,9 +281,10 @@ BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfi
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[ProgressReport]:
-    """Give a function that shows a bar on standard error; it appears with the first call.
+    """Give a function that shows progress in a bar on standard error; the bar appears with the first call.
 
-    Where the fraction done is 0, what is left is unknown, and the bar is a clock. Nothing is written to a file.
+    While the fraction done is 0, the remaining time is unknown, and only the time spent is shown. Nothing is written if
+    standard error is a file.
     """
     from tqdm import tqdm
 
@@ -360,7 +361,7 @@ KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is gi
 
 
 def solver_options(command):
-    """Add an option for each of SOLVER_OPTIONS; a field of `SolverSettings` that is declared there needs no more."""
+    """Add an option for each of SOLVER_OPTIONS."""
     special = {"known": (str, "all|minimal|none|NAMES|FILE.csv"), "noise": (noise_level, "DB|auto|reported")}
     units = {"m": (length, "LENGTH"), "": (percentage, "PERCENT")}
     for key, declared in reversed(SOLVER_OPTIONS.items()):
@@ -377,7 +378,7 @@ RECORDED = ("frequencies", "kind", "reference", "temperature", "rate", "array_di
 
 
 def recording_options(*names: str) -> Callable[[Any], Any]:
-    """Return what adds an option for each field of `ImportOptions`, or for those named, and for several files."""
+    """Return a decorator that adds the options of `ImportOptions`, all or those named, and those of several files."""
 
     def add(command):
         declared = [field for field in fields(ImportOptions) if "help" in field.metadata]
@@ -409,7 +410,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
 
 
 def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
-    """Return the options of recordings that are given, not None; None without any. InputError for other sources."""
+    """Return the given options of recordings, or None; InputError if they are given for sources that are none."""
     from ..session.sources import is_recording
 
     given = {key: value for key, value in recorded.items() if value is not None}
@@ -447,8 +448,7 @@ def input_of(
 ) -> CalibrationInput:
     """Return the measurement of a scene or of files, with the values of the options.
 
-    `positions`: file of the positions of all microphones, to compare with; `recorded`: of recordings, fields of
-    `fdcal.recordings.recording.ImportOptions`; None leaves one out.
+    `positions`: file with positions to compare with; `recorded`: fields of `ImportOptions`, None for those not given.
     """
     from ..session.sources import compared_with_file, is_recording, load_input
 
@@ -464,7 +464,7 @@ def input_of(
 
 
 def result_of(path: str | None) -> Calibration | None:
-    """Return the calibration in the file of --result, None without the option."""
+    """Return the calibration in the file given with --result; None without that option."""
     if path is None:
         return None
     from ..assessment.result_file import load_result
@@ -479,14 +479,12 @@ def open_request_of(text: str) -> OpenRequest:
 
         return read(text)
     from ..model.scene import load_scene, scene_names
-    from ..session.sources import measurement_request, scene_request
+    from ..session.sources import check_scene, is_recording, load_input, measurement_request, scene_request
 
-    if text in scene_names():  # every one of these is tested
-        return scene_request(load_scene(text))
-    from ..session.sources import check_scene, is_recording, load_input
-
-    if text.lower().endswith(".npz") or is_recording(text):
+    shipped = text in scene_names()
+    if not shipped and (text.lower().endswith(".npz") or is_recording(text)):
         return measurement_request(load_input(text))
     scene = load_scene(text)
-    check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
+    if not shipped:
+        check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
     return scene_request(scene)

@@ -20,7 +20,7 @@ from ..session.sources import CalibrationInput
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
-    """Return the positions (N, D), metres, of a result, a blind one moved onto the true ones; or the true ones."""
+    """Return the positions (N, D), metres, of a result, moved onto the true ones if it is blind; or the true ones."""
     if result is not None:
         return result.positions_for(measurement)
     if measurement.positions is None:
@@ -69,10 +69,10 @@ def map_of(
     basins: bool,
     wave: str | None = None,
 ) -> dict[str, Any]:
-    """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} and, in space, {"volume": Volume}.
+    """Return the map of a microphone for a snapshot: {"floor": Floor} and, in space, {"volume": Volume}.
 
-    `basins`: whether the colours are those of basins, that of the true position first, or of the estimate; `wave`:
-    modes, as "22, 38", the standing waves of which are drawn instead.
+    `basins`: colour basins of attraction instead of the cost; the first is that of the true position, or of the
+    estimate. `wave`: draw standing waves of these modes, such as "22, 38", instead.
     """
     measurement = inputs.measurement
     if measurement.search is None:
@@ -111,7 +111,7 @@ def map_of(
     offset = order_offset_of(settings, modes)
     require_plane_field(problem)
     require_modes(problem, offset, modes)
-    # what a step of descent minimises
+    # the cost that a step of descent minimises
     maps = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight)
     cost, search = maps.sum(axis=0), measurement.search
     minima = minima_of(cost, search)

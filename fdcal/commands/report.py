@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from ..assessment.position_check import ListFit, PositionCheck
     from ..session.sources import ProgressReport
 
-# of the lines of a summary, in their order
+# Heads of the lines of a summary, in their order.
 HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict", "room",
          "images")  # fmt: skip
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return a calibration in seven lines, and more of an uncertain sound speed, of its channels or of a known room."""
+    """Return a summary of a calibration: seven lines, and more for the sound speed, the channels or a known room."""
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said["list"] = inputs.remark
@@ -54,11 +54,11 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     return compare_positions(positions, listed, _frame(inputs))
 
 
-UNITS_APART = 2.0  # factor of size from which a list is in another unit, whatever the array found is worth
+UNITS_APART = 2.0  # ratio of sizes from which a list is taken to be in another unit, whatever the verdict
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
-    """Whether the size of the array found is no finding, so that it is compared in that of the list."""
+    """Return whether the size of the array is undetermined, so that it is compared in the size of the list."""
     from ..assessment.position_check import MAX_SCALE, size_ratio
 
     ratio = size_ratio(result.positions, np.asarray(inputs.measurement.positions))
@@ -80,7 +80,7 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
 def fit_of_rows(
     inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport
 ) -> ListFit | None:
-    """Return how the rows of a list fit; None where the list as a whole does not, or a room's shape held the array."""
+    """Return how the rows of a list fit; None if the list as a whole does not fit, or in a known room."""
     from ..session.doctor import list_fit
 
     return list_fit(inputs, result, check, progress) if result.room is None and check.fits else None
