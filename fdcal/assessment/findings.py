@@ -103,7 +103,7 @@ class Judged:
     @property
     def by_rows(self) -> bool:
         """Whether the positions rest on the pressures of the modes alone, which must then be explained."""
-        return not self.estimate.by_windows
+        return not self.estimate.window_ratio
 
     @property
     def unexplained(self) -> list[ChannelFault]:
@@ -286,6 +286,9 @@ def _good(seen: Judged) -> str:
     given_estimate = seen.estimate.given
     if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
         words += f"; the given positions are inaccurate, one sigma {length_text(given_estimate.sigma, 2)}"
+    if seen.estimate.window_ratio > CONTRADICTION:
+        sigmas = np.sqrt(seen.estimate.window_ratio)
+        words += f"; short windows and frequencies differ by {sigmas:.1f} sigma, so that both count less"
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
     faults = faults_text(seen.faulty.values())
@@ -293,6 +296,7 @@ def _good(seen: Judged) -> str:
 
 
 INACCURATE = 2.0  # sigma of the given positions found over the expected one
+CONTRADICTION = 4.0  # mean square of the difference of two estimates over its covariance
 
 
 def precision(sigma: np.ndarray, residual: float | None) -> str:

@@ -219,7 +219,7 @@ def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
     x = positions[healthy] - positions[healthy].mean(axis=0)
     along, extents, axes = np.linalg.svd(x, full_matrices=False)
-    least = (LEAST_EXTENT if estimate.by_windows else 1e-9) * extents[0]
+    least = (LEAST_EXTENT if estimate.window_ratio else 1e-9) * extents[0]
     inverse = (along / np.maximum(extents, least)).T  # of x in its own axes
     fit = np.kron(inverse, axes)  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit

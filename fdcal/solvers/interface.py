@@ -145,7 +145,7 @@ class Estimate:
     log_speed: float
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]  # the likeliest first
-    by_windows: bool = False  # whether short windows of the recordings count beside the modes
+    window_ratio: float = 0.0  # by which the covariances of windows and modes are enlarged; 0 where no windows count
 
 
 @dataclass(frozen=True)

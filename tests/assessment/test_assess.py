@@ -191,6 +191,11 @@ def test_every_row_can_be_the_verdict(estimate, blind, row):
     assert (first_row(found), verdict.verdict) == (row, code) and words in verdict.message
 
 
+def test_a_contradiction_of_windows_and_rows_is_said(estimate):
+    assert "short windows" not in assess(replace(estimate, window_ratio=1.5)).message
+    assert "short windows and frequencies differ by 3.0 sigma" in assess(replace(estimate, window_ratio=9.0)).message
+
+
 def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
     moved = with_given_moved(estimate, 2)
     named = {fault.name for fault in assess(moved).channels.faults}

@@ -55,7 +55,7 @@ def result(problem: Problem, state: State) -> Estimate:
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=_tried(problem, state),
-        by_windows=state.model.window_positions is not None,
+        window_ratio=0.0 if model.window_positions is None else model.window_ratio,
     )
 
 

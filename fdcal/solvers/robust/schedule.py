@@ -303,6 +303,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
         model,
         window_positions=term.positions,
         window_precision=term.precision / ratio,
+        window_ratio=ratio,
         tempering=model.tempering * claim.excess * ratio,
         # Rows that count too much show delays of all channels that are none, and these take up what arrivals say of
         # the positions; `refined` looks for them again, with this weight.

@@ -108,6 +108,7 @@ class Model:
     # of the short windows, once they were fitted: positions (N, D), metres, and precision (N D, N D), 1/m^2
     window_positions: np.ndarray | None = None
     window_precision: np.ndarray | None = None
+    window_ratio: float = 1.0  # `WindowTerm.disagreement`
     tempering: float = 1.0  # by which the cost of the long rows is divided beside short windows
 
     @property
