@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several test processes share the cores; before NumPy is imported
@@ -23,6 +24,7 @@ from PIL import Image
 from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model.room import folder_of
+from fdcal.recordings import frequencies, importer
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
 
@@ -91,6 +93,13 @@ def remembered_runs(cache):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(calibration_run, "last_state", last_state)
         yield
+
+
+@pytest.fixture
+def quick_import(monkeypatch):
+    """Recordings give at most 240 rows and no short windows: a calibration takes a fraction of its time."""
+    monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=240))
+    monkeypatch.setattr(importer, "short_windows", lambda *_: None)
 
 
 @pytest.fixture

@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
     return path
 
 
-def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, capsys):
+def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, capsys, quick_import):
     arguments = ["record", "-o", folder / "f1.wav", "--replay", folder / "faulty.wav", "--seconds", 20]
     assert exit_code(*arguments, "--positions", folder / "list.csv") == 5
     lines = capsys.readouterr().out.splitlines()
@@ -50,7 +50,7 @@ def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, ca
     assert "next    correct the channels, and record this take again" in lines
 
 
-def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder, tmp_path):
+def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder, tmp_path, quick_import):
     """It records loud noise of its own; a calibration places it metres away."""
     sound = soundfile.read(folder / "one.wav", frames=10 * FS)[0].T
     sound[DEAD] = np.std(sound[0]) * np.random.default_rng(0).standard_normal(sound.shape[1])
@@ -61,7 +61,7 @@ def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder, tm
     assert [row for row in found.table if row.endswith("dead")] == [found.table[1 + DEAD]]
 
 
-def test_each_take_says_what_all_of_them_say_together(folder, capsys):
+def test_each_take_says_what_all_of_them_say_together(folder, capsys, quick_import):
     (folder / ".fdcal-0.wav").write_bytes(b"RIFF")  # as of a program that was killed
     arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
     code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 10)
@@ -74,7 +74,8 @@ def test_each_take_says_what_all_of_them_say_together(folder, capsys):
     sigmas = [float(line.rpartition("one sigma ")[2].split()[0]) for line in out.splitlines() if "result " in line]
     assert len(sigmas) == 2 and sigmas[1] < sigmas[0]
     expected = [line for line in out.splitlines() if line.startswith("next ")]
-    assert "other side" in expected[0] and f"about {sigmas[0] / np.sqrt(2):.2g} mm" in expected[0]
+    sigma = 1e3 * np.sqrt(np.mean(np.square(found["uncertainty_m"])))  # of two takes
+    assert "other side" in expected[0] and f"about {sigma * np.sqrt(2 / 3):.2g} mm" in expected[1]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

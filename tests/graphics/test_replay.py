@@ -1,6 +1,7 @@
 """The replay: numbers and maps are those of Python, one file that loads nothing else, played in a browser."""
 
 import dataclasses
+import json
 import re
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -225,7 +226,8 @@ POINTS, FINE_POINTS = 120, 480  # of the map in a replay, along its longer edge;
 MAP = """([t, n, indices]) => {
     const positions = [];
     for (let m = 0; m < replay.data.names.length; m++) positions.push(...replay.placeOf(t, m));
-    return indices.map(i => replay.landscapes.map(i, n, positions, t)).map(({cost, power}) => [...cost, power]);
+    const maps = indices.map(i => replay.landscapes.map(i, n, positions, t));
+    return JSON.stringify(maps.map(({cost, power}) => [...cost, power]));
 }"""
 
 
@@ -288,7 +290,7 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
         modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
         for t, n in ((0, 7), (3, 20))[: 1 + (dimension == 2)]:
             indices = [0, len(modes) // 2, len(modes) - 1]
-            values = np.array(page.evaluate(MAP, [t, n, indices]))
+            values = np.array(json.loads(page.evaluate(MAP, [t, n, indices])))
             found = values[:, :-1].reshape(3, *lattice.shape[1::-1]) / values[:, -1].sum()
             chosen = [modes[i] for i in indices]
             maps = eq7_maps(problem, positions[t], n, chosen, data["maps"]["order_offset"], lattice, channels)
@@ -301,7 +303,7 @@ def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(
     with opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6") as page:
         lattice = refined(problem.search, FINE_POINTS)  # of few modes
         total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
-        cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
+        cost = np.array(json.loads(page.evaluate("JSON.stringify([...replay.map.cost])"))).reshape(total.shape)
         np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
         marked, there = page.evaluate("replay.map.minima"), minima_of(total, lattice)
         assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
@@ -310,14 +312,14 @@ def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(
         weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
         for cost in (weak, strong, total.ravel()):  # one rule for the scale, as all pictures have it
             low, high = colour_limits(cost, True)
-            ends, first, last = page.evaluate(SCALE_OF, cost.tolist())
+            ends, first, last = page.evaluate(SCALE_OF, json.dumps(cost.tolist()))  # as a text: an array takes seconds
             np.testing.assert_allclose(ends, 10 * np.log10([low, high]), atol=1e-9)
             wanted = to_rgb(normalise(np.array([cost[0], cost[-1]]), low, high, True))
             np.testing.assert_allclose([first, last], wanted, atol=4)  # a rounding may take the next colour
 
 
-SCALE_OF = """cost => {
-    const lattice = replay.fineLandscapes, found = new Map([[0, {power: 1, cost}]]);
+SCALE_OF = """text => {
+    const lattice = replay.fineLandscapes, found = new Map([[0, {power: 1, cost: JSON.parse(text)}]]);
     const map = replay.finished({indices: [0]}, found, lattice);
     const [nx, ny] = lattice.shape, {data} = map.image.getContext("2d").getImageData(0, 0, nx, ny);
     const colour = pixel => [...data.slice(4 * pixel, 4 * pixel + 3)];

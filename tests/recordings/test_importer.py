@@ -304,7 +304,7 @@ def run(*arguments, code: int = 0) -> None:
 
 
 @pytest.mark.parametrize(("name", "kind"), [("responses.wav", "impulse response"), ("work.wav", "stationary source")])
-def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys):
+def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys, quick_import):
     monkeypatch.chdir(tmp_path)
     before = (folder / name).read_bytes()
     run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
