@@ -50,7 +50,12 @@ def solved(measurement, solver: str = "robust", **settings) -> Solved:
 
 def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
     *_, state = solvers.run(problem, settings, 0)
-    estimate = solvers.load(settings.name).result(problem, state)
+    return ended(problem, state)
+
+
+def ended(problem: Problem, state: Any) -> Solved:
+    """What is said of the last state of a run."""
+    estimate = solvers.load(state.settings.name).result(problem, state)
     return Solved(problem, state, estimate, assess(estimate))
 
 

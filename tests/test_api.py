@@ -68,18 +68,6 @@ def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
     np.testing.assert_allclose(again.positions, tiny.positions + 0.5, atol=0.02)
 
 
-def test_a_start_that_the_solver_does_not_take_is_an_error(tiny):
-    with pytest.raises(fdcal.InputError, match="joint"):
-        fdcal.calibrate(tiny, solver="robust", start="random", modes=12)
-
-
-def test_without_known_microphones_the_result_says_so(tiny):
-    blind = fdcal.calibrate(tiny, known="none")
-    assert blind.known == ()
-    assert blind.aligned
-    assert blind.max_error < 0.02
-
-
 @pytest.mark.parametrize(
     ("function", "arguments", "key"),
     [

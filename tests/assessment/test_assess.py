@@ -476,15 +476,6 @@ def test_a_sparse_array_whose_rim_is_hard_to_predict_has_no_faulty_channel():
         assert found.verdict != "known_position" and faults == [], found.message
 
 
-def test_too_much_noise_is_reported():
-    assert assess(at(room(snr_db=0))).verdict == "too_noisy"
-
-
-def test_a_given_position_that_nothing_checks_is_not_good():
-    measurement = measured(array(), np.array(KNOWN[:3]), snr_db=15.0, modes=8)
-    assert solving.solved(measurement).assessment.verdict != "good"
-
-
 def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
     """A sound field in space, sampled on a plane: sinc in place of J_0."""
     rng, count = np.random.default_rng(2), 160

@@ -39,7 +39,7 @@ def waves(x, wavenumbers, count, seed=1):
 
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
-    x = disc() if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (32, 3))
+    x = disc() if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (20, 3))
     f = np.linspace(60, 400, MODES)
     r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)

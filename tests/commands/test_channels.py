@@ -25,7 +25,7 @@ def spoiled(made, tmp_path_factory):
     p[:, INVERTED] *= -1
     p[:, DEAD] = 1e-3 * np.abs(p).mean() * (rng.normal(size=len(p)) + 1j * rng.normal(size=len(p)))
     np.savez(folder / "spoiled.npz", **table)
-    return folder, done("calibrate", "spoiled.npz", "--solver", "robust", "-o", "result.json", folder=folder)
+    return folder, done("calibrate", "spoiled.npz", "-o", "result.json", folder=folder)
 
 
 def test_faulty_channels_are_named_and_the_verdict_of_the_others_is_good(spoiled):
@@ -66,7 +66,7 @@ def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path)
     table["known"], table["known_positions"] = known, table["positions"][known]
     table["known_positions"][4] += [0.05, -0.03]
     np.savez(tmp_path / "wrong.npz", **table)
-    printed = done("calibrate", "wrong.npz", "--solver", "robust", "-o", "result.json", folder=tmp_path)
+    printed = done("calibrate", "wrong.npz", "--modes", 24, "-o", "result.json", folder=tmp_path)
     result = json.loads((tmp_path / "result.json").read_text())
     rows = {row["name"]: row for row in result["given_positions"]}
     assert list(rows) == [str(n) for n in known] and [name for name, row in rows.items() if row["wrong"]] == ["10"]

@@ -35,15 +35,15 @@ phase_deg = 5.0
 
 
 SMALL_BALL = (
-    ("count = 64", "count = 20"),
-    ("[3, 29, 52, 57]", "[3, 8, 13, 18]"),
-    ("highest = 300.0", "highest = 200.0"),
+    ("count = 64", "count = 16"),
+    ("[3, 29, 52, 57]", "[3, 6, 11, 14]"),
+    ("highest = 300.0", "highest = 150.0"),
 )
 
 
 def small(show, folder):
     """A show of the gallery with scene `tiny`, whose simulation takes no time; in space with fewer microphones."""
-    scene = {"ball3d": folder / "ball.toml", "faults": folder / "faulty.toml"}.get(show.name, "tiny")
+    scene = {"ball3d": folder / "ball.toml", "faults": folder / "faulty.toml"}.get(show.name, folder / "few.toml")
     if show.scene == "ball3d":
         return replace(show, scene=str(scene))
     address = re.sub(r"microphone=\d+", "microphone=9", re.sub(r"modes=[\d-]+", "modes=9", show.address))
@@ -55,7 +55,8 @@ def site(tmp_path_factory):
     """The gallery, as the command writes it, of small scenes."""
     folder, scenes = tmp_path_factory.mktemp("site") / "gallery", tmp_path_factory.mktemp("scenes")
     tiny, ball = ((folder_of("scenes") / f"{name}.toml").read_text(encoding="utf-8") for name in ("tiny", "ball3d"))
-    (scenes / "faulty.toml").write_text(tiny + FAULTY, encoding="utf-8")
+    (scenes / "few.toml").write_text(tiny.replace("modes = 20", "modes = 9"), encoding="utf-8")
+    (scenes / "faulty.toml").write_text(tiny.replace("modes = 20", "modes = 14") + FAULTY, encoding="utf-8")
     for old, new in SMALL_BALL:
         ball = ball.replace(old, new)
     (scenes / "ball.toml").write_text(ball, encoding="utf-8")

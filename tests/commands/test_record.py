@@ -10,9 +10,7 @@ import soundfile
 from recorded import FS, places, stationary_source
 from running import exit_code
 
-from fdcal.assessment.position_check import fit_list
 from fdcal.recordings import take
-from fdcal.session.takes import takes_result
 
 COUNT, OTHER_SIDE = 16, (0.6, 0.5, 1.9)
 INVERTED, DEAD, SWAPPED = 12, 10, (3, 9)
@@ -48,17 +46,6 @@ def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, ca
     (faults,) = (one for one in lines if one.startswith("faults "))
     assert f"microphone {INVERTED}: inverted; channels {SWAPPED[0]} and {SWAPPED[1]} are swapped" in faults
     assert "next    correct the channels, and record this take again" in lines
-
-
-def test_a_dead_channel_is_not_called_misplaced_wherever_it_was_found(folder, tmp_path, quick_import):
-    """It records loud noise of its own; a calibration places it metres away."""
-    sound = soundfile.read(folder / "one.wav", frames=10 * FS)[0].T
-    sound[DEAD] = np.std(sound[0]) * np.random.default_rng(0).standard_normal(sound.shape[1])
-    soundfile.write(tmp_path / "dead.wav", sound.T, FS, subtype="FLOAT")
-    found = takes_result([tmp_path / "dead.wav"], str(folder / "list.csv"))
-    errors = fit_list(found.check, found.result.positions, found.inputs.measurement.positions).errors
-    assert errors[DEAD] > 0.5 and found.faults == [f"microphone {DEAD}: dead"] and not found.of_list
-    assert [row for row in found.table if row.endswith("dead")] == [found.table[1 + DEAD]]
 
 
 def test_each_take_says_what_all_of_them_say_together(folder, capsys, quick_import):

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
+from solving import simulated_square
 
-import fdcal
 from fdcal.cost.basins import OUTSIDE, basins_of, descent_path, local_minima, merged_basins
 from fdcal.cost.maps import cost_maps, map_positions, minima_of
 from fdcal.cost.scale import on_scale
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.solvers import load, with_mode_count
 
@@ -172,9 +173,7 @@ def test_what_is_no_number_neither_spoils_the_scale_nor_is_a_minimum(bad):
 @pytest.fixture(scope="module")
 def ambiguous():
     """The cost of mode 38 for the microphone sought of Fig. 1, which has several minima, and its lattice."""
-    scene = fdcal.load_scene("fig1_square")
-    problem = fdcal.load("fig1_square").problem()
-    solver = load("descent")
+    problem, scene, solver = simulated_square().problem(), load_scene("fig1_square"), load("descent")
     state = solver.init(problem, with_mode_count(problem, scene.solver), scene.seed)
     return cost_maps(problem, solver, state, 16, (38,), 2)[0], problem.search
 

@@ -86,13 +86,6 @@ def test_hulls_of_a_line_of_a_square_and_of_a_solid():
     assert hull_meets(sheet, np.array([[0.5, 0.5, 0.0]])) and not hull_meets(sheet, np.array([[0.5, 0.5, 0.01]]))
 
 
-@settings(deadline=None)  # a busy machine is no fault
-@given(st.floats(-3, 3), st.floats(-3, 3))
-def test_hull_of_a_square(x, y):
-    if abs(max(abs(x), abs(y)) - 1) > 1e-6:
-        assert hull_meets(rectangle((2, 2), (2.0, 2.0)), np.array([[x, y]])) == (max(abs(x), abs(y)) < 1)
-
-
 def test_positions_of_a_scene(edited):
     """Cell centres, read-only; the seed moves only the random microphones; a plane array stands at its height."""
     scene = load_scene("array1_circle")

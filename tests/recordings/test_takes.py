@@ -297,15 +297,6 @@ def test_each_independent_source_gives_a_row(sources):
     assert np.median(errors) < -30, "every row is a field of the sources"
 
 
-def test_rows_of_several_sources_are_said_and_stored(tmp_path):
-    samples = playing(0, 30, 20) + playing(1, 30, 21)
-    measurement, report = import_recording(write(tmp_path / "two.wav", noisy(samples, 40)), ImportOptions(**GIVEN))
-    assert "up to 2 eigenvalues above noise and leakage" in import_summary(measurement, report)
-    assert measurement.take_count == 1
-    save_measurement(measurement, tmp_path / "m.npz")
-    same(fdcal.load(tmp_path / "m.npz"), measurement)
-
-
 @pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0])
 def test_the_bandwidth_of_a_room_is_found_whatever_its_source_emits(seconds):
     """Powers of an even decay: noise of the right envelope in every channel, times a spectrum with narrow peaks."""

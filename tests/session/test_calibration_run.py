@@ -99,7 +99,7 @@ def wide() -> Measurement:
     )
 
 
-def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide):
+def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide, remembered_runs):
     found = fdcal.calibrate(wide)
     assert found.verdict in ("good", "ambiguous") and found.rms_error is not None and found.rms_error < 0.01
     assert len(found.frequencies) < 60 and found.frequencies[-1] < array_f_max(wide.positions, SPEED, 3)
@@ -111,7 +111,7 @@ def test_a_number_of_modes_that_was_asked_for_is_kept(wide):
     assert (len(found.frequencies), found.verdict) == (60, "undersampled")
 
 
-def test_a_dead_channel_takes_no_modes_from_the_others(wide):
+def test_a_dead_channel_takes_no_modes_from_the_others(wide, remembered_runs):
     """It may stand anywhere, also far from the array, whose size sets the highest frequency."""
     pressures, rng = np.array(wide.pressures), np.random.default_rng(1)
     pressures[:, 9] = rng.normal(size=60) + 1j * rng.normal(size=60)

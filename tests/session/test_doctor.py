@@ -20,30 +20,14 @@ from fdcal.session import doctor
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import measurement_input
 
+pytestmark = pytest.mark.usefixtures("remembered_runs")  # the list takes no part in a blind calibration
+
 RATE = 4000
 
 
 @pytest.fixture(scope="module")
 def tiny() -> fdcal.Measurement:
     return fdcal.load("tiny")
-
-
-@pytest.fixture(scope="module")
-def solved() -> dict:
-    return {}
-
-
-@pytest.fixture
-def solve_once(monkeypatch, solved):
-    """The list takes no part in a blind calibration, which is computed once for all lists."""
-    solve = doctor.solve
-
-    def cached(inputs, *arguments, **others):
-        if len(inputs.measurement.known):
-            return solve(inputs, *arguments, **others)
-        return solved.get("tiny") or solved.setdefault("tiny", solve(inputs, *arguments, **others))
-
-    monkeypatch.setattr(doctor, "solve", cached)
 
 
 def table(path, positions) -> str:
@@ -67,7 +51,7 @@ def answers(*arguments) -> dict[str, tuple[str, str]]:
         (lambda x: x + 0.25 * (np.arange(len(x)) == 6)[:, None] * [0.6, 0.8], 5, "6 is 250 mm from its place"),
     ],
 )
-def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, solve_once, change, code, words):
+def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, change, code, words):
     with pytest.raises(SystemExit) as ended:
         main(["doctor", "tiny", "--positions", table(tmp_path / "list.csv", change(np.asarray(tiny.positions)))])
     out = capsys.readouterr().out

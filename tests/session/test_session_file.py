@@ -116,7 +116,7 @@ def test_a_session_is_a_zip_of_two_files_of_which_one_is_a_measurement(folder, j
         session_file.read(tmp_path / "nowhere.zip")
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"NaN", b"\xff"])
+@pytest.mark.parametrize("content", [b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"\xff"])
 def test_no_session_file_is_refused_in_one_line(tmp_path, capsys, content):
     (tmp_path / "broken.zip").write_bytes(content)
     with zipfile.ZipFile(tmp_path / "inside.zip", "w") as archive:

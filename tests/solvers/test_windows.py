@@ -71,7 +71,7 @@ def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
     assert near < 2.5 and 10 < far < 50
 
 
-def room(x: np.ndarray, seconds: float = 4.0, seed: int = 0) -> np.ndarray:
+def room(x: np.ndarray, seconds: float, seed: int = 0) -> np.ndarray:
     """Noise from eighty sides, more of it horizontal, as in a room that absorbs at floor and ceiling : (N, T)."""
     rng = np.random.default_rng(seed)
     samples = int(seconds * RATE)
@@ -91,7 +91,7 @@ def heard():
     rng = np.random.default_rng(7)
     x = rng.standard_normal((8, 3))
     x *= 0.15 * rng.random((8, 1)) ** (1 / 3) / np.linalg.norm(x, axis=1, keepdims=True)
-    recording = recording_of("room", "stationary", RATE, room(x))
+    recording = recording_of("room", "stationary", RATE, room(x, 3.0))
     return measurement_of_takes([recording], ImportOptions(kind="stationary"))[0], x
 
 
@@ -135,7 +135,7 @@ def test_arrivals_of_six_takes_are_not_outvoted():
     """Where times determine the array, it ends within three of their own sigmas of their optimum: 13 free unknowns."""
     rng = np.random.default_rng(0)
     x = np.pad(0.15 * np.sqrt(rng.random((8, 1))) * rng.standard_normal((8, 2)), ((0, 0), (0, 1)))
-    recordings = [recording_of("room", "stationary", RATE, room(x, seed=take)) for take in range(6)]
+    recordings = [recording_of("room", "stationary", RATE, room(x, 2.5, take)) for take in range(6)]
     measurement = measurement_of_takes(recordings, ImportOptions(kind="stationary", array_dimension=2))[0]
     sources = rng.standard_normal((6, 3)) * [2, 2, 0.5]
     paths = np.linalg.norm(x - sources[:, None], axis=2) + 3e-4 * rng.standard_normal((6, 8))

@@ -95,10 +95,10 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.evaluate("document.documentElement.setAttribute('data-invited', '')")  # as the film does at its end
     invitation.wait_for()
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/relief']?.children.length > 0")
-    page.wait_for_timeout(1500)
+    stands = f"const at = ({DISC})({opening.MICROPHONE}), there = String(at), same = there == window.there;"
+    page.wait_for_function(f"() => {{ {stands} window.there = there; return at && same; }}", polling=300)
     x, y = (at + 0.5 * REACH for at in page.evaluate(DISC, opening.MICROPHONE))
     finger = context.new_cdp_session(page)
-    page.wait_for_timeout(500)
     other = {"x": 330, "y": 320, "id": 1}
     for number in range(8):
         kind = "touchMove" if number else "touchStart"
@@ -107,7 +107,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
             finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at, other]})
         fingers = [at] if number < 5 else [at, other]
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
-        page.wait_for_timeout(150)
+        page.wait_for_timeout(100)
     # As far from the finger as at first, 17 pixels, by 12: its height on the relief depends on the moves on the way, of
     # which a slow browser leaves some out.
     disc = f"const [x, y] = ({DISC})({opening.MICROPHONE})"

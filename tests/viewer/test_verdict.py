@@ -29,7 +29,7 @@ from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
 from fdcal.viewer import html as words
-from fdcal.viewer import prepare
+from fdcal.viewer import panels, prepare
 from fdcal.viewer.explore import Explore
 from fdcal.viewer.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.server import process
@@ -37,6 +37,11 @@ from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, uncertainty_
 from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import microphones, spectrum
 from fdcal.viewer.tabs.microphones import given_table
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return edited(fdcal.load_scene("tiny"), {"solver.modes": 12})
 
 
 @pytest.fixture
@@ -257,9 +262,10 @@ def test_the_status_names_the_path_of_the_log(measurement, tmp_path, monkeypatch
     assert process.log_location() == "the terminal's log" and not logging.getLogger("fdcal").handlers
 
 
-def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(page_of, scene):
+def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(page_of, scene, monkeypatch):
+    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.1)  # s, of the speed of a run: nobody watches it
     page, turn_until = page_of
-    page.open(OpenRequest(edited(scene, {"solver.name": "joint", "solver.modes": 12}), play=True))
+    page.open(OpenRequest(edited(scene, {"solver.name": "joint"}), play=True))
     turn_until(lambda: page.viewer is not None and page.viewer.found is not None)
     legend, view = page.panels.overlay._regions["legend"], page.viewer.tabs.view
     sigma = re.search(r"one sigma [\d.]+ mm", page.viewer.tabs.run_bar.verdict.content)[0]

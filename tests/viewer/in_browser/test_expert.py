@@ -6,18 +6,15 @@ import numpy as np
 import pytest
 from browsing import (
     begin_anew,
-    choose,
     hover,
     middle,
     on_screen,
     pick,
-    press,
     run_to_the_end,
     tab,
 )
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.session import session_file
 from fdcal.viewer import session_view
 
 
@@ -88,17 +85,3 @@ def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
     page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow the run").element_handle())
-
-
-def test_a_file_is_saved_by_the_browser(page, tmp_path):
-    press(page, "Sweep")
-    page.get_by_text("step 13, sweep 1").wait_for()
-    tab(page, "View")
-    choose(page, "File", "Session (ZIP)")
-    with page.expect_download() as download:
-        press(page, "Save")
-    path = tmp_path / download.value.suggested_filename
-    assert path.name == "fdcal-tiny-step-13-session.zip"
-    download.value.save_as(path)
-    session = session_file.read(path)
-    assert (session.states[session.index].step, len(session.states)) == (13, 14)

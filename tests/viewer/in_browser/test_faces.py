@@ -247,7 +247,6 @@ def answers_in_sight(page, step):
 def test_everything_in_explore_works(page):
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
     fills_the_window(page)
-    readable(page)
     page.locator("[data-do=modes]").press("Home")
     page.wait_for_function("location.hash.includes('modes=1&')")
     alone = page.locator("[data-do=alone]")
