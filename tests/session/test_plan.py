@@ -226,7 +226,7 @@ CASES = [
 
 @pytest.mark.parametrize(("text", "others"), CASES)
 def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
-    plans = [make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 25.0, 30.0, 38.0, 45.0)]
+    plans = [make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 30.0, 45.0)]
     for plan in plans:
         assert np.all(np.diff(plan.expected, axis=1) <= 0), "less noise"
         assert np.all(np.diff(plan.expected, axis=0) <= 0), "another place of the source"
@@ -234,8 +234,8 @@ def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
         assert plan.snr_db[0] == plan.request.snr_db and plan.snr_db[-1] <= max(FORECAST.max_snr_db, plan.snr_db[0])
     for name in ("rms", "low", "high"):
         assert np.all(np.diff([getattr(plan.forecast, name) for plan in plans]) <= 0)
-    other = make_plan(replace(plans[2].request, takes=8, snr_db=36.0)).forecast.rms
-    assert plans[2].expected[plans[2].takes.index(8), plans[2].snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
+    other = make_plan(replace(plans[1].request, takes=8, snr_db=36.0)).forecast.rms
+    assert plans[1].expected[plans[1].takes.index(8), plans[1].snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
     assert np.all(np.diff([plan.bound.rms for plan in plans]) <= 0)
 
 
@@ -252,8 +252,9 @@ def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
     noise, impulse = (make_plan(request_of(*LARGE, kind=kind, **LIVING)) for kind in ("stationary", "impulse"))
     ratios = impulse.expected[:, 0] / noise.expected[:, 0]
     assert 1 >= ratios[0] >= ratios[1] > ratios[2] > ratios[3] and ratios[2] < 0.7
-    for takes, words in ((1, "arrival times add too little"), (4, "arrival times included")):
-        assert words in "\n".join(plan_lines(make_plan(replace(impulse.request, takes=takes))))
+    four = make_plan(replace(impulse.request, takes=4))
+    for plan, words in ((impulse, "arrival times add too little"), (four, "arrival times included")):
+        assert words in "\n".join(plan_lines(plan))
 
 
 def test_arrival_times_say_what_the_solver_takes_them_to_say():

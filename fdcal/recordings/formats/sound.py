@@ -40,6 +40,9 @@ class Patched(io.FileIO):
         super().__init__(path)
         self._changes = changes
 
+    def __del__(self) -> None:  # soundfile closes no file that it has not opened
+        self.close()
+
     def readinto(self, buffer: Any) -> int:
         """Read into a buffer; return the number of bytes."""
         at, count = self.tell(), super().readinto(buffer) or 0
