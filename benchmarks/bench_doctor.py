@@ -56,12 +56,12 @@ class DataSet:
     places: np.ndarray
     kind: str
     speed: float | None = SPEED
-    most: int | None = ROWS
+    max_rows: int | None = ROWS
 
     @property
     def options(self) -> ImportOptions:
         """How it is read."""
-        return ImportOptions(kind=self.kind, sound_speed=self.speed, most=self.most)
+        return ImportOptions(kind=self.kind, sound_speed=self.speed, max_rows=self.max_rows)
 
     def examined(self, question: str = "") -> tuple[Answer, ...]:
         """The findings about its files, with its list, up to the one that answers a question; all unless given."""

@@ -45,10 +45,10 @@ def rms(positions: np.ndarray) -> float:
 def test_a_source_that_is_carried_round_says_more_in_parts(tmp_path):
     samples = np.concatenate([playing(s, 12, s) for s in range(3)], axis=1)
     carried = write(tmp_path / "carried.wav", noisy(samples, 40))
-    parts, report = import_recording(carried, ImportOptions(sound_speed=SPEED, split=12.0, most=FEW))
+    parts, report = import_recording(carried, ImportOptions(sound_speed=SPEED, split=12.0, max_rows=FEW))
     assert parts.take_count == 3
     assert "24 to 36 s" in import_summary(parts, report)
-    whole = fdcal.load(carried, sound_speed=SPEED, most=FEW)
+    whole = fdcal.load(carried, sound_speed=SPEED, max_rows=FEW)
     errors = [rms(fdcal.calibrate(one, known="none", solver="joint").positions) for one in (parts, whole)]
     assert errors[0] < errors[1]
 
@@ -60,7 +60,7 @@ def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(tmp_path)
     played = np.concatenate([sweep, np.zeros(FS)])
     samples = noisy(np.array([fftconvolve(played, h)[: len(played)] for h in recorded.responses()]), 30)
     known = str(write_places(tmp_path / "known.csv", places()[:5]))
-    options = ImportOptions(known=known, sound_speed=SPEED, most=80)
+    options = ImportOptions(known=known, sound_speed=SPEED, max_rows=80)
     measurement, _ = import_recording(write(tmp_path / "a.wav", samples), options)
     result = solve(measurement_input(measurement, "a"))
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))

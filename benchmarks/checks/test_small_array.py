@@ -65,7 +65,7 @@ def test_the_band_and_the_number_of_frequencies_follow_from_the_array(cube, impo
     assert len(measurement.frequencies) > 80
     radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     assert 0.08 < 2 * np.pi * measurement.frequencies[0] * radius / SPEED < 0.2
-    stated, _ = import_recording(path, ImportOptions(sound_speed=SPEED, array_radius=radius, most=30))
+    stated, _ = import_recording(path, ImportOptions(sound_speed=SPEED, array_radius=radius, max_rows=30))
     assert 0.9 * limit < stated.frequencies[-1] <= limit and len(stated.frequencies) <= 30
 
 

@@ -255,7 +255,7 @@ SOLVER_OPTIONS = {
 # Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
-    "channels known_sigma leave_out microphone modes most port positions reference "
+    "channels known_sigma leave_out max_rows microphone modes port positions reference "
     "rate room seconds seed solver sound_speed source split step subset table temperature windows "
 )
 OPTIONS = {

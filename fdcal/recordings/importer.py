@@ -160,7 +160,9 @@ def measurement_of_takes(
                 raise InputError(problem, "leave out <split>", key="split", value=options.split)
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
         takes = [part for one in takes for part in split(one, options.split, shortest)]
-    max_rows = max(1, options.most // len(takes)) if options.most else default_max_rows(takes[0].count, len(takes))
+    max_rows = (
+        max(1, options.max_rows // len(takes)) if options.max_rows else default_max_rows(takes[0].count, len(takes))
+    )
     done, skipped = [], []
     for number, one in enumerate(takes):
         if progress is not None:

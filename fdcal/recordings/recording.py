@@ -256,7 +256,7 @@ class ImportOptions:
         "auto", "none" or "LO:HI", Hz, of the short windows that count beside the rows, of at most 32 microphones.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
-    most : int or None
+    max_rows : int or None
         Greatest number of rows of all takes together; `fdcal.recordings.frequencies.default_max_rows` unless given.
     temperature : float or None
         Degrees Celsius; gives the sound speed.
@@ -288,7 +288,7 @@ class ImportOptions:
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
     frequencies: str = option("auto", "Band to choose from, Hz.", "auto|LO:HI")
     # bound of time and memory, five times what an import takes by itself
-    most: Annotated[int, within(1, 2000)] | None = option(
+    max_rows: Annotated[int, within(1, 2000)] | None = option(
         None, "Greatest number of rows of all takes.  [default: 400]", "M"
     )
     kind: Literal["auto", Kind] = option(

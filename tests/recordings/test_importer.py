@@ -391,7 +391,7 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
         (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
         (["--sound-speed", "34"], "34 m/s is out of range", 2),
         (["--dimension", "4"], "'2', '3'", 2),
-        (["--most", "0"], "1 to 2000", 2),
+        (["--max-rows", "0"], "1 to 2000", 2),
         (["--subset", "1"], "two microphones", 2),
         (["--array-radius", "-1"], "above zero", 2),
         (["--reference", "nothing.wav"], "No such file", 3),

@@ -68,12 +68,12 @@ def same(one: fdcal.Measurement, other: fdcal.Measurement) -> None:
 
 def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, capsys):
     files = [folder / f"take{s}.wav" for s in range(3)]
-    single = [fdcal.load(file, **GIVEN, most=40) for file in files]
-    together = fdcal.load(files, **GIVEN, most=120)
+    single = [fdcal.load(file, **GIVEN, max_rows=40) for file in files]
+    together = fdcal.load(files, **GIVEN, max_rows=120)
     assert together.take_count == 3
     same(together, fdcal.Measurement.from_takes(single))
     monkeypatch.chdir(tmp_path)
-    run("import", *files, "-o", "m.npz", "--sound-speed", SPEED, "--array-radius", "0.5", "--most", 120)
+    run("import", *files, "-o", "m.npz", "--sound-speed", SPEED, "--array-radius", "0.5", "--max-rows", 120)
     printed = capsys.readouterr().out
     assert f"takes        3 of {COUNT} channels" in printed
     assert f"{len(together.frequencies)} in all" in printed
@@ -105,7 +105,7 @@ def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path)
 
 
 def test_measurements_of_several_files_are_takes(folder, tmp_path):
-    single = [fdcal.load(folder / f"take{s}.wav", most=40, **GIVEN) for s in range(2)]
+    single = [fdcal.load(folder / f"take{s}.wav", max_rows=40, **GIVEN) for s in range(2)]
     for s, one in enumerate(single):
         save_measurement(one, tmp_path / f"{s}.npz")
     same(fdcal.load([tmp_path / "0.npz", tmp_path / "1.npz"]), fdcal.Measurement.from_takes(single))
@@ -186,8 +186,8 @@ def test_a_reference_serves_every_take(tmp_path):
         write(tmp_path / f"{s}.wav", noisy(heard, 40, seed=s))
     files = [tmp_path / "0.wav", tmp_path / "1.wav"]
     reference = str(tmp_path / "played.wav")
-    single = [fdcal.load(one, reference=reference, most=60, **GIVEN) for one in files]
-    same(fdcal.load(files, reference=reference, most=120, **GIVEN), fdcal.Measurement.from_takes(single))
+    single = [fdcal.load(one, reference=reference, max_rows=60, **GIVEN) for one in files]
+    same(fdcal.load(files, reference=reference, max_rows=120, **GIVEN), fdcal.Measurement.from_takes(single))
 
 
 def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_path):
@@ -217,7 +217,7 @@ def test_a_copy_of_a_take_is_no_take(tmp_path, copied):
     moved = write(tmp_path / "moved.wav", noisy(playing(1, 12, 1), 40))  # the same sound from another place
     with pytest.raises(InputError, match=r"copy\.wav is a copy of .*one\.wav.*give each take once"):
         import_recording([one, moved, other], ImportOptions(files="takes", **GIVEN))
-    assert import_recording([one, moved], ImportOptions(files="takes", most=40, **GIVEN))[0].take_count == 2
+    assert import_recording([one, moved], ImportOptions(files="takes", max_rows=40, **GIVEN))[0].take_count == 2
 
 
 def test_copies_of_measurements_are_no_takes(tmp_path):
@@ -275,8 +275,8 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
     for n in range(COUNT):
         np.save(path / f"ir_{n}.npy", every[:, n])
     options = {"sound_speed": SPEED, "frequencies": "50:350"}
-    single = [fdcal.load(path, sources=s, most=30, **options) for s in range(2)]
-    together = fdcal.load(path, sources="all", most=60, **options)
+    single = [fdcal.load(path, sources=s, max_rows=30, **options) for s in range(2)]
+    together = fdcal.load(path, sources="all", max_rows=60, **options)
     same(together, fdcal.Measurement.from_takes(single))
     assert np.allclose(together.positions, places(COUNT))
 
