@@ -34,7 +34,7 @@ from ..model.validation import LIMITS, InputError, refusal
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
-ROUGH = 10.0  # likewise, for finding the peaks alone
+ROUGH = 10.0  # nepers that suffice to find the peaks
 MAX_TERMS = 40_000
 BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration

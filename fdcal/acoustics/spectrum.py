@@ -115,7 +115,7 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     """
     if prominence_db == 0:
         return np.arange(lowest, lowest + step * (len(power) - 0.5), resolution)
-    from scipy.signal import find_peaks  # takes a second to load, likewise
+    from scipy.signal import find_peaks  # takes a second to load, too
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)
     apart = max(1.0, resolution / step)

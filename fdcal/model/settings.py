@@ -56,15 +56,15 @@ class Sensing:
             raise refusal("measurement.lowest", self.lowest, why, "lower the one or raise the other", "Hz")
 
 
-DEAD_FRACTION = 1e-6  # power of a dead channel, which is noise of its own, over that of the others
+DEAD_FRACTION = 1e-6  # power of the noise in a dead channel over the power of the others
 
 
 @dataclass(frozen=True)
 class Faults:
-    """Channels that are faulty, and how far the others scatter."""
+    """Faulty channels, and the scatter of gain and phase of all channels."""
 
     inverted: tuple[int, ...] = ()  # microphones of inverted polarity
-    dead: tuple[int, ...] = ()  # microphones without signal, which give noise of their own, 60 dB below the others
+    dead: tuple[int, ...] = ()  # microphones without signal: independent noise, 60 dB below the others
     # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the
     # scene's seed
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0
@@ -276,7 +276,7 @@ class SolverSettings:
 
     @property
     def snr_db(self) -> float | None:
-        """Signal-to-noise ratio that `noise` states, dB; None where it is not a number."""
+        """Signal-to-noise ratio in `noise`, dB; None if `noise` is not a number."""
         if self.noise in ("reported", "auto"):
             return None
         try:
@@ -299,11 +299,12 @@ STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:
     """Return the search domain `own`, or one around positions (N, D), metres, if there is none.
 
-    Positions of a blind array are moved as a whole onto `truth` (N, D) first, where that is known. Its own domain may
-    be in the axes of the solver that estimated it; it counts only if it holds the middle of the moved positions.
+    Positions of a blind array are first moved as a whole onto `truth` (N, D), if that is known. The domain `own` may be
+    in other axes, those of the solver that estimated it; it is used only if it contains the centre of the moved
+    positions.
 
-    The step is 1, 2 or 5 times a power of ten. R is the distance from the centre to a corner; in space, where the
-    corners hold nothing, that to the outermost position, and the margin; with a domain of its own it keeps that R.
+    The step is 1, 2 or 5 times a power of ten. R is that of `own`; without one it is the distance from the centre to a
+    corner in the plane, and to the outermost position plus the margin in space.
     """
     positions = np.asarray(positions, float) if truth is None else align(positions, truth)
     if own is not None:

@@ -29,7 +29,7 @@ SCHEME = 1  # increase it with every change to what simulation or spectrum compu
 CACHE_BYTES = 2_000_000_000  # beyond this the least recently used files are deleted
 CHECKSUM = 32  # bytes of BLAKE2 at the end of a cache file
 TEMPORARY = ".fdcal-"  # prefix of the name of an unfinished file
-ABANDONED = 86_400.0  # seconds, age of an unfinished file that is deleted
+ABANDONED = 86_400.0  # seconds, age at which an unfinished file is deleted
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
 
 def cache_key(*parts: Any) -> str:
-    """Return the hash of all that determines a cached value, of types that JSON has."""
+    """Return the hash of the values, JSON types, that determine a cached value."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
 
 
@@ -105,7 +105,7 @@ def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], 
 
 
 def load_cached(name: str, read: Callable[..., Any]):
-    """Return the value of a cache file; None where there is none that can be read."""
+    """Return the value of a cache file; None if there is no file that can be read."""
     path = cache_folder() / name
     try:
         content = path.read_bytes()
@@ -153,11 +153,11 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-MAX_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
+MAX_DOTS = 500  # in a key: the time of the parser grows with the square of the number of its parts
 
 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
-    """Return the content, as "scene", of a file of `max_bytes` at most, which is no device and no pipe."""
+    """Return the content of a regular file of at most `max_bytes`; `what`: kind of file, as "scene", for messages."""
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
     try:
@@ -172,7 +172,7 @@ def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -
 
 
 def parse_toml(content: bytes, where: object) -> dict[str, Any]:
-    """Return the table of a TOML file, which an error calls `where`; InputError for what is none."""
+    """Return the table of a TOML file; InputError if it is not valid. `where`: name of the file for messages."""
     try:
         text = content.decode("utf-8-sig")
         for number, line in enumerate(text.splitlines(), 1):
@@ -184,7 +184,7 @@ def parse_toml(content: bytes, where: object) -> dict[str, Any]:
 
 
 def parse_json(content: bytes | str, where: object) -> Any:
-    """Return the value of a JSON file, which an error calls `where`; InputError for what is none."""
+    """Return the value of a JSON file; InputError if it is not valid. `where`: name of the file for messages."""
     try:
         return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
     except (ValueError, RecursionError) as error:
@@ -192,7 +192,7 @@ def parse_json(content: bytes | str, where: object) -> Any:
 
 
 def _unparsed(where: object, kind: str, error: Exception) -> InputError:
-    """Return the error for a text that a parser refuses, in one line."""
+    """Return the error, in one line, for a text that a parser refuses."""
     deep = isinstance(error, RecursionError)
     reason = "it is nested too deeply" if deep else " ".join(str(error).split(";")[0].split())
     return InputError(f"{where} is not valid {kind}: {reason}")
@@ -205,7 +205,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     """
     with zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
-    # No member gives more bytes than the directory says; those that are not compressed may be as large as the file.
+    # A member has at most the size stated in the directory; members that are not compressed have at most the file's.
     stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
     packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
     if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
@@ -228,7 +228,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
 
 
 def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return what `read_archive` returns of a path or an open file; InputError, or StorageError, for any other file."""
+    """Read an .npz file, a path or an open file, as `read_archive` does; InputError or StorageError if that fails."""
     try:
         if not isinstance(path, (str, Path)):
             return read_archive(path, wanted)
@@ -248,7 +248,7 @@ def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
 
 
 def require_regular(path: str | Path) -> None:
-    """Raise InputError for what is neither file nor folder, as a device without an end; OSError if it is missing."""
+    """Raise InputError for a device or a pipe, whose reading might never end; OSError if the file is missing."""
     kind = os.stat(path).st_mode
     if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
         raise InputError(f"{path} is no regular file", "give a file")

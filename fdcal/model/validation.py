@@ -5,7 +5,7 @@ A declaration is a type. `Annotated[float, within(0, 1, "m")]` adds the range an
 
     convert(value, kind, key)   the value as a type, read by msgspec
     build(Record, table)        a frozen dataclass out of a table: every key known, present and of its type
-    check(record)               likewise for a record that Python made
+    check(record)               the same checks for a record that was made in Python
 
 `refused` turns what does not fit into the one line that a user sees: key, value and remedy.
 """
@@ -40,12 +40,12 @@ class Limits:
     largest: float = 1e12
     cells: int = 20_000_000  # cells of a simulation; each of its fields takes 8 bytes a cell
     microphones: int = 10_000  # microphones of an array
-    microphones_3d: int = 2_000  # likewise in a room of three dimensions, whose field is summed at each of them
+    microphones_3d: int = 2_000  # the same in a room of three dimensions, whose field is summed at each microphone
     field_values: int = 5_000_000  # microphones times frequencies of the spectrum of such a room
     pairs: float = 1e8  # pairs of microphones times modes of a calibration; each takes 16 bytes or less
     # largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
     phase: float = 100.0
-    phase_per_microphone: float = 2.0  # likewise, for each microphone of a large array
+    phase_per_microphone: float = 2.0  # the same for each microphone of a large array
     dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
     seconds: float = 45.0  # processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
@@ -141,20 +141,20 @@ def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeE
 
 
 def shown(value: object, max_length: int = 60) -> str:
-    """Return a value for a message: as Python writes it, a text as it is, in one line and cut to so many letters."""
+    """Return a value for a message: its repr, or a text without quotes, in one line of at most `max_length` letters."""
     try:
         if isinstance(value, (dict, list, tuple)):
             value = reprlib.repr(value)
         if isinstance(value, int) and abs(value) >= LIMITS.digits:
             raise ValueError
-    except ValueError:  # Python writes no whole number of more than 4300 digits
+    except ValueError:  # Python does not print integers of more than 4300 digits
         return "a number of very many digits"
     text = " ".join((value if isinstance(value, str) else repr(value)).split())
     return text if len(text) <= max_length else f"{text[: max_length - 3]}..."
 
 
 def shown_literal(value: object) -> str:
-    """Return a value as `shown`, a text in quotes."""
+    """Return a value as `shown` does, but a text in quotes."""
     return shown(repr(value) if isinstance(value, str) else value)
 
 
@@ -165,7 +165,7 @@ def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     return array
 
 
-# Kinds of array: the dtype kinds that hold one without loss, what it is called, and the dtype it gets.
+# Kinds of array: dtype kinds that are converted without loss, name in messages, and resulting dtype.
 KINDS = {
     "real": ("fiu", "real numbers", np.float64),
     "complex": ("c", "complex numbers", np.complex128),
@@ -176,7 +176,7 @@ KINDS = {
 
 
 def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
-    """Return `values` as a read-only array of the given kind, of KINDS, and shape; InputError where they are not so.
+    """Return `values` as a read-only array of a kind of KINDS and of a shape; InputError if they do not fit.
 
     Nothing is rounded to make it fit; an empty array is of every kind. `shape`: length along each axis, None where any
     will do; () for a single value; `unit`: unit or meaning of one of the numbers, for the message.
@@ -203,7 +203,7 @@ def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...
 
 
 def refusal(key: str, value: object, why: str, remedy: str = "", unit: str = "") -> InputError:
-    """Return the error for a value that cannot be: "room.cell = 0.04 m has no meaning"; the unit is optional."""
+    """Return the error for an impossible value: "room.cell = 0.04 m has no meaning"; the unit is optional."""
     text = f"{value:g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else shown(value)
     return InputError(f"{key} = {text}{unit and ' ' + unit} {why}", remedy, key=key, value=value)
 
@@ -240,8 +240,8 @@ def point_text(point: Any) -> str:
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
 
 
-LONGEST_KEY = 100  # letters that are compared
-LARGEST_INTEGER = 2**63  # of those that a file may hold
+LONGEST_KEY = 100  # letters of a key that are compared with the known keys
+LARGEST_INTEGER = 2**63  # beyond the integers that a file may hold
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 
 
@@ -251,7 +251,7 @@ def within(low: float | None = None, high: float | None = None, unit: str = "", 
 
 
 def positive(unit: str = "", **option: Any) -> msgspec.Meta:
-    """Return the range of a number above zero, a product of a few of which cannot overflow."""
+    """Return the range of positive numbers whose products cannot overflow."""
     return within(LIMITS.smallest, LIMITS.largest, unit, **option)
 
 
@@ -270,7 +270,7 @@ Seed = Annotated[int, within(0)]
 
 
 def convert(value: object, kind: Any, key: str) -> Any:
-    """Return `value` as the type `kind`, or raise InputError with `key`; numbers may be those of NumPy."""
+    """Return `value` as the type `kind`, or raise InputError with `key`; numbers of NumPy are accepted."""
     try:
         return msgspec.convert(_plain(value, key), kind)
     except msgspec.ValidationError as error:
@@ -280,7 +280,7 @@ def convert(value: object, kind: Any, key: str) -> Any:
 
 
 def _plain(value: Any, key: str) -> Any:
-    """Return a value as files hold it: without types of NumPy, NaN, and integers of very many digits."""
+    """Return a value with Python's own types; InputError for NaN and for integers of very many digits."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
@@ -319,7 +319,7 @@ def refused(key: str, value: object, kind: Any) -> InputError:
 
 
 def _bare(kind: Any) -> tuple[Any, msgspec.Meta | None]:
-    """Return a type without None and annotations, and its range."""
+    """Return a type without `| None` and `Annotated`, and its range."""
     meta = None
     while True:
         if typing.get_origin(kind) is Annotated:
@@ -337,7 +337,7 @@ def _hints(record: type) -> dict[str, Any]:
 
 
 def declaration(record: type, name: str) -> tuple[Any, dict[str, Any]]:
-    """Return the type of a field, without None, and what `within` says of it."""
+    """Return the type of a field, without `| None`, and the extra information of its `within`."""
     kind, meta = _bare(_hints(record)[name])
     return kind, (meta.extra or {}) if meta else {}
 
@@ -353,7 +353,7 @@ def _is_plain(kind: Any) -> bool:
 def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxyType({})) -> None:
     """Raise InputError unless every field of a dataclass that holds texts or numbers is as declared.
 
-    `prefix` stands before a key in messages, as "solver."; `names` has keys that are called otherwise there.
+    `prefix`, such as "solver.", stands before a key in messages; `names`: other names of keys in messages.
     """
     for field in dataclasses.fields(record):
         kind = _hints(type(record))[field.name]
@@ -364,13 +364,13 @@ def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxy
 def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene") -> Any:
     """Return a dataclass with the values of a table; its `check` is left to the class.
 
-    Defaults apply in Python alone. A table must give every field except those that the class lists in OPTIONAL, or in
-    `optional(table)` where that depends on other keys, so that no constant of a run is hidden in code.
-    `prefix`, as "room.", and `whole`, the file, are words of the messages.
+    A table must give every field except those in the class's OPTIONAL, or in `optional(table)` if that depends on other
+    keys: no constant of a run is hidden in a default. `prefix`, such as "room.", and `whole`, the kind of file, are
+    words of the messages.
     """
     fields = [field.name for field in dataclasses.fields(cls)]
     for given in table:
-        if given not in fields:  # the one that may be meant is named
+        if given not in fields:  # the message suggests a similar key
             near = difflib.get_close_matches(given[:LONGEST_KEY], fields, 1)
             remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
             raise InputError(f"{prefix}{shown(given)} is not a key of a {whole}", remedy, key=f"{prefix}{given}")
@@ -387,7 +387,7 @@ def _built(kind: Any, value: Any, key: str, whole: str) -> Any:
     if typing.get_origin(bare) is tuple and dataclasses.is_dataclass(typing.get_args(bare)[0]):
         if not isinstance(value, list):
             raise refused(key, value, kind)
-        one = typing.get_args(bare)[0]  # each with keys of its own, hence its number from 1
+        one = typing.get_args(bare)[0]  # messages number the entries from 1
         return tuple(_built(one, entry, f"{key}[{i}]", whole) for i, entry in enumerate(value, 1))
     if not dataclasses.is_dataclass(bare):
         return convert(value, kind, key)
@@ -417,11 +417,11 @@ def mm_text(length: float, digits: int = 3) -> str:
     return f"{1e3 * length:.{digits}g}" if length < 0.0995 else f"{1e3 * length:.0f}"
 
 
-LONGEST = 200  # characters that are read of a text
+LONGEST = 200  # characters of a text that are read
 
 
 def parse_modes(text: str, count: int) -> tuple[int, ...]:
-    """Return the modes of 1 to `count` that a text as "1-3, 5" lists, ascending; InputError for any other text."""
+    """Return the modes in a text such as "1-3, 5", ascending; InputError unless they are from 1 to `count`."""
     remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
     found: set[int] = set()
     for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
@@ -436,7 +436,7 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
 
 
 def modes_text(modes: Any) -> str:
-    """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
+    """Return the shortest text that `parse_modes` reads as `modes`, an iterable of int."""
     modes, parts = sorted(set(modes)), list[str]()
     while modes:
         end = 0

@@ -1,9 +1,9 @@
-"""The channels of a recording: which are faulty, which to use, and which microphones are known; copies of takes.
+"""The channels of a recording: which are faulty, which are used, which microphones are known; copies of takes.
 
 A copy of a channel has the same samples. A copy of a take may be scaled, cut, resampled or filtered: at each frequency
-all its channels are those of the other times one factor. Takes with the source at different places, or with different
-sounds, never are. Takes of one array have similar coherences of all pairs of channels, which depend on the distances
-above all: a driver that rotates the channels of a take rotates these.
+all its channels differ from the original by the same factor, which never holds for takes with the source at different
+places or with different sounds. The coherence of a pair of channels depends mainly on their distance, so it is similar
+in all takes of an array. Where a driver has rotated the channels of a take, its coherences are rotated.
 """
 
 from __future__ import annotations

@@ -183,7 +183,7 @@ class Correction:
 
     source: np.ndarray  # (N,) int64, number of the channel whose samples are used
     gain: np.ndarray  # (N,) complex128, by which the channel is to be divided
-    delay: np.ndarray  # (N,) float64, s, likewise
+    delay: np.ndarray  # (N,) float64, s, by which the channel is late
     # (N,) float64, Hz, corner of the high-pass of a channel; negative if all other channels have it; 0 without one
     corner: np.ndarray
     dead: tuple[str, ...]  # channels that hold no sound: written as they are

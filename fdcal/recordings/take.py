@@ -1,7 +1,7 @@
-"""A take: sound of a sound card, or of a file in its place, written to a file while its channels are watched.
+"""Record a take: sound from a sound card, or from a file instead, is written to a file while its channels are checked.
 
-Sound arrives in blocks, as `SoundStream` gives them. `record_take` writes them and asks after each whether to go on. A
-take that ends early, by its user or by a fault, keeps what was recorded as a valid file.
+`SoundStream` gives the sound in blocks. `record_take` writes them and asks after each whether to go on. If a take ends
+early, because of its user or a fault, what was recorded remains as a valid file.
 """
 
 import queue

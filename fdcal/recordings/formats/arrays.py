@@ -1,9 +1,9 @@
 """Recordings in files of arrays: of NumPy, MATLAB and HDF5, and tables of samples.
 
-Samples are the only array of real numbers with one long axis, that of time, and at most one other, that of channels;
-or the one that is called `recordings` (N, T), or `time_data` (T, N) as Acoular calls it. Beside them may stand `kind`,
-`names`, `positions`, `sound_speed` and the sampling rate, under one of the names of RATES, as a number, an attribute or
-a text. Without a rate, that of `fdcal.recordings.recording.ImportOptions` counts.
+The samples are the only array of real numbers with a long axis for time and at most one other axis, for channels; or
+the array called `recordings` (N, T), or `time_data` (T, N) as in Acoular. The file may also hold `kind`, `names`,
+`positions`, `sound_speed` and the sampling rate, under one of the names in RATES, as a number, an attribute or a text.
+Without a rate in the file, that of `fdcal.recordings.recording.ImportOptions` is used.
 
 .npz, .npy       of NumPy; an .npz file with `pressures` is a measurement (`fdcal.model.measurement`)
 .mat             of MATLAB, structures included, of any version
