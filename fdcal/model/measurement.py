@@ -653,12 +653,11 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
     names = [str(n) for n in range(count)] if names is None else [str(name) for name in names]
     left_out = {microphone_index(text, names, "exclude") for text in chosen}
     kept = np.array([n for n in range(count) if n not in left_out], dtype=np.int64)
-    changed = dict(table, pressures=pressures[:, kept], names=tuple(names[n] for n in kept))
-    if table.get("positions") is not None:
-        changed["positions"] = np.asarray(table["positions"])[kept]
-    arrivals = table.get("arrivals")
-    if arrivals is not None and np.ndim(arrivals) == 2 and np.shape(arrivals)[1] == count:
-        changed["arrivals"] = np.asarray(arrivals)[:, kept]
+    changed = dict(table, names=tuple(names[n] for n in kept))
+    for key, axis in (("pressures", 1), ("positions", 0), ("arrivals", 1)):
+        values: Any = table.get(key)
+        if np.shape(values)[axis : axis + 1] == (count,):  # the checks of `Measurement` refuse other shapes
+            changed[key] = np.take(values, kept, axis)
     windows = table.get("windows")
     if windows is not None and windows.pressures.shape[2] == count:
         changed["windows"] = windows.of_microphones(kept)

@@ -340,11 +340,10 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"known        {len(measurement.known)} of {count} microphones",
     ]
     height, given = takes[0].height, measurement.known_positions
+    space = word_arguments("<array_dimension> 3", wording)
     if height is not None:
-        space = word_arguments("<array_dimension> 3", wording)
         lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
     elif report.flat:
-        space = word_arguments("<array_dimension> 3", wording)
         lines += [f"array        flat according to its short windows, sought in a plane; in space: {space}"]
     elif len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
         plane = f"z = {given[0, 2]:g} m as the known ones: {word_arguments('<array_dimension> 2', wording)}"

@@ -93,8 +93,6 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
     """
     path = Path(path)
     try:
-        if not path.exists():
-            raise StorageError(f"cannot read {path}: No such file or directory")
         require_regular(path)
         found = reader_of(path)
         if found is None or found.read is None:
