@@ -16,7 +16,7 @@ import fdcal
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.assess import assess, judged
 from fdcal.assessment.calibration import ChannelFault
-from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom
+from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom, first_finding
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
@@ -584,6 +584,15 @@ def test_limits_of_known_rooms_hold_five_sigmas_and_of_four_channels_none_stands
         == 8
     )
     assert np.linalg.norm(assess(in_room).positions - IN_ROOM, axis=1).max() < 0.02
+
+
+def test_more_modes_are_a_remedy_only_where_there_are_more(estimate):
+    remedies = {one.remedy for one in FINDINGS if "(<modes>), or " in one.remedy and one.code == "ambiguous"}
+    assert len(remedies) == 5
+    for remedy in remedies:
+        finding = replace(FINDINGS[-1], applies=lambda *_: True, words=lambda _: "uncertain", remedy=remedy)
+        texts = [first_finding([finding], None, replace(estimate, modes=m))[1] for m in (slice(0, 5), slice(None))]
+        assert texts == [f"uncertain; {remedy}", f"uncertain; {remedy.partition(', or ')[2]}"]
 
 
 # --- the end, not the way to it --------------------------------------------------------------------------------------
