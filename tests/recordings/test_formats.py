@@ -320,7 +320,7 @@ def too_long(path: Path) -> None:
         ("mesh", in_mesh("pos_mic.npy", lambda path: np.save(path, PLACES[:, :2])), "pos_mic.npy has shape (5, 2)"),
     ],
 )  # fmt: skip
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error", "ignore::ResourceWarning")  # of what another test may have left open
 def test_the_fault_of_a_file_is_named(name, write, words, tmp_path, here):
     write(tmp_path / name)
     assert words in refusal(tmp_path / name)
@@ -474,7 +474,7 @@ def through(file: h5py.File) -> None:
         (through, '"aside" is a virtual dataset'),
     ],
 )
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error", "ignore::ResourceWarning")
 def test_an_hdf5_file_of_another_structure_is_refused_in_one_line(change, words, tmp_path):
     with h5py.File(write_sofa(tmp_path / "a.sofa"), "a") as file:
         change(file)

@@ -76,11 +76,11 @@ def room(x: np.ndarray, seconds: float, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     samples = int(seconds * RATE)
     f = np.fft.rfftfreq(samples, 1 / RATE)
-    total = np.zeros((len(x), len(f)), complex)
+    total, heard = np.zeros((len(x), len(f)), complex), f < 3000
     for _ in range(80):
         u = rng.standard_normal(3) * [1, 1, 0.5]
-        wave = (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f))) * (f < 3000)
-        total += wave * np.exp(2j * np.pi * f * (x @ u / np.linalg.norm(u))[:, None] / SOUND)
+        wave = (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))[heard]
+        total[:, heard] += wave * np.exp(2j * np.pi * f[heard] * (x @ u / np.linalg.norm(u))[:, None] / SOUND)
     y = np.fft.irfft(total, samples)
     return y / y.std() + 0.01 * rng.standard_normal(y.shape)
 
@@ -115,7 +115,9 @@ def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses
 
 
 def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(heard):
-    problem = in_unit_power(heard[0].problem())
+    problem, windows = in_unit_power(heard[0].problem()), heard[0].windows
+    of_some = {name: getattr(windows, name)[::3] for name in ("frequencies", "takes", "pressures")}
+    problem = replace(problem, windows=replace(windows, **of_some))
     state = robust.init(problem, SolverSettings(modes=len(problem.frequencies)), 0, heard[1])
     every = np.tile([0.05, 0.0], (8, 1))  # metres, more than a window's
 
