@@ -47,13 +47,7 @@ EXAMPLES = {"beamforming": "08_beamforming_map.py", "measured-array": "07_measur
 # interruption, and its results stay in RESULTS.
 STUDIES = {
     "study-sixteen-success": ("sixteen", "success"),
-    "study-sixteen-error": ("sixteen", "error"),
-    "study-sixteen-error-bars": ("sixteen", "error-bars"),
-    "study-sixteen-verdicts": ("sixteen", "verdicts"),
-    "study-mismatch-success": ("mismatch", "success"),
     "study-mismatch-error": ("mismatch", "error"),
-    "study-mismatch-error-bars": ("mismatch", "error-bars"),
-    "study-mismatch-verdicts": ("mismatch", "verdicts"),
     "study-calibration": ("calibration", "study-calibration"),
 }
 CALIBRATION = "study-calibration"  # the figure of its page, which the same command writes
@@ -97,13 +91,13 @@ def browsed(ended: bool, folder: Path) -> None:
 
 def studied(study: str, figure: str) -> Path:
     """Run what a study still lacks, write its report, or its page, and return one of its figures."""
-    folder, page = RESULTS / study, ROOT / "docs" / "explanation" / f"{CALIBRATION}.md"
+    folder, page = RESULTS / study, RESULTS / f"{CALIBRATION}.md"
     resumed = ["--resume"] if folder.is_dir() else []
     run = ["study", str(ROOT / "studies" / f"{study}.toml"), "-o", str(folder), *resumed]
     report = ["study", "--report", str(folder)]
     for arguments in (run, report + (["--page", str(page)] if figure == CALIBRATION else [])):
         subprocess.run([sys.executable, "-m", "fdcal", *arguments], cwd=ROOT, check=True)
-    return PICTURES / f"{figure}.png" if figure == CALIBRATION else folder / "report" / f"{figure}.png"
+    return RESULTS / "pictures" / f"{figure}.png" if figure == CALIBRATION else folder / "report" / f"{figure}.png"
 
 
 def keep(path: Path, target: Path) -> None:

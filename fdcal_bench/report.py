@@ -341,7 +341,7 @@ This page is written by
 {commands}
 ```
 
-from the rows in [{stem}.csv]({stem}.csv).{beside}
+from the rows in [{stem}.csv]({stem}.csv).
 {about}
 
 ## Error bars
@@ -354,11 +354,8 @@ and whose channels have no fault. One sigma of a position is the root of the tra
 | scenario | good | error mm | claim mm | error over claim | {levels} |
 |---|---|---|---|---|{rules}|
 """
-DOCUMENTED = Path(__file__).resolve().parents[1] / "docs" / "explanation"  # of a checkout
-SHARED = "../pictures"  # folder of the figures of its pages
-BESIDE = " [Uncertainty](uncertainty.md) says how the covariance is computed."
 FIGURE = """
-```{{image}} {pictures}/{stem}.png
+```{{image}} pictures/{stem}.png
 :alt: Rank histograms of the coordinates in every scenario, with bands
 ```
 
@@ -386,13 +383,10 @@ WRONG = """
 UNEXPLAINED = "not examined yet"
 
 
-def calibration_page(
-    head: Head, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None, pictures: str = "pictures"
-) -> str:
+def calibration_page(head: Head, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None) -> str:
     """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name.
 
-    `pictures`: the folder of its figure, as the page calls it; `cases`: why draws are good and wrong: "cases", each
-    with "scenario", "seed" and "why", and a "text" on them all.
+    `cases`: why draws are good and wrong: "cases", each with "scenario", "seed" and "why", and a "text" on them all.
     """
     every, rows = rows, _scored(rows)
     names = [value for value in head.axes[SCENARIO] if np.any(every[SCENARIO] == value)]
@@ -412,12 +406,11 @@ def calibration_page(
         code=code_text(rows),
         levels=" | ".join(f"{100 * level:.0f} %" for level in LEVELS),
         rules="---|" * (len(LEVELS) - 1) + "---",
-        beside=BESIDE if pictures == SHARED else "",
         about="".join(f"\n- {line}" for line in head.about),
     )
     parts = [(value, rows[rows[SCENARIO] == value]) for value in names]
     text += "".join(_bars_line(value, part) for value, part in (*parts, ("all", rows)))
-    text += FIGURE.format(stem=stem, pictures=pictures, bins=BINS)
+    text += FIGURE.format(stem=stem, bins=BINS)
     planned = dict(counts) | {"all": len(every)}
     text += "".join(_verdict_line(value, part, planned[value]) for value, part in (*parts, ("all", rows)))
     refused, wrong = every.drop(rows.index), rows[rows["wrong"]]
@@ -500,22 +493,16 @@ def draw_ranks(head: Head, rows: Any) -> Figure:
 def write_page(page: Path, head: Head, rows: Any, folder: str, commands: str) -> None:
     """Write the page of a study of scenarios, its rows as CSV beside it, and its figure into a folder `pictures`.
 
-    That is the one of the documentation for its own pages, whose studies are in `studies`, else one beside the page.
     `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Nobody
     can compute why a draw is good and wrong: the page takes it from a file beside it that ends in .cases.toml.
     """
-    name, study, target, pictures = str(head.title), "STUDY.toml", str(page), "pictures"
-    if page.resolve().parent == DOCUMENTED:
-        folder = page.stem.removeprefix("study-")
-        name = study = f"studies/{folder}.toml"
-        target, pictures = f"docs/explanation/{page.name}", SHARED
-    commands = commands.format(study=study, folder=folder, page=target)
+    commands = commands.format(study="STUDY.toml", folder=folder, page=page)
     written = page.with_suffix(".cases.toml")
     cases = parse_toml(read_bytes(written), written) if written.exists() else None
-    text = calibration_page(head, rows, name, page.stem, commands, cases, pictures)
+    text = calibration_page(head, rows, str(head.title), page.stem, commands, cases)
     picture = figure_bytes(draw_ranks(head, rows), "png")
     table = rows[[SCENARIO, *KEPT]].sort_values(["draw", SCENARIO]).to_csv(index=False, float_format="%.4g")
-    figures = page.resolve().parent / pictures
+    figures = page.resolve().parent / "pictures"
     try:
         figures.mkdir(exist_ok=True)
     except OSError as error:

@@ -17,6 +17,7 @@ from fdcal.session.sources import load_input
 
 TUTORIAL, CHANNELS = DOCS / "tutorials" / "first-recording.md", DOCS / "how-to" / "check-channels.md"
 MEASURED = DOCS / "tutorials" / "measured-array.md"
+EIGHT = DOCS / "tutorials" / "eight-microphones.md"
 
 
 def figure(pattern: str, text: str) -> float:
@@ -40,7 +41,7 @@ def run_page(page, namespace: dict, skip: str = "") -> None:
 
 @pytest.mark.parametrize(
     "page",
-    [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, MEASURED)],
+    [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, EIGHT)],
     ids=name_of,
 )
 def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch):
@@ -78,6 +79,11 @@ def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_chann
     for block in blocks(text_of(CHANNELS)):
         if block.language == "python":
             assert shows(block.output, run_python(block.code, name_of(CHANNELS), {}))
+
+
+def test_the_page_of_eight_microphones_runs_from_beginning_to_end(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(EIGHT, {})
 
 
 def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from fdcal.acoustics.measure import sound_field
 from fdcal.commands.cli import main
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError, StorageError
-from fdcal_bench import command, draw, report, run, tasks
+from fdcal_bench import command, draw, run, tasks
 from fdcal_bench.code import CodeVersion, source_hash
 from fdcal_bench.report import MAX_PANELS, study_panels, write_page, write_report
 from fdcal_bench.run import PARTS, Results, connected, read_results, run_study
@@ -557,25 +557,17 @@ def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
     assert np.std(share) > 3 * np.sqrt(0.8 * 0.2 / 700)
 
 
-@pytest.mark.parametrize("documented", [False, True])
-def test_the_figure_of_a_page_is_where_the_page_looks_for_it(scenarios, tmp_path, monkeypatch, documented):
+def test_the_figure_of_a_page_is_where_the_page_looks_for_it(scenarios, tmp_path):
     results = Results(tmp_path / "out", scenarios, False)
     results.append([row_of(scenarios, number) for number in range(2)])
-    (tmp_path / "docs").mkdir()
-    if documented:
-        monkeypatch.setattr(report, "DOCUMENTED", tmp_path / "docs")
-    page = tmp_path / "docs" / "study-page.md"
-    for _ in range(2 - documented):  # the second time over the first
+    page = tmp_path / "study-page.md"
+    for _ in range(2):  # the second time over the first
         write_page(page, *read_results(tmp_path / "out"), "found", command.PAGE_COMMANDS)
     text = page.read_text()
     (picture,) = re.findall(r"\{image\} (\S+)", text)
     assert (page.parent / picture).stat().st_size > 5000
-    assert (tmp_path / "pictures").exists() == documented == ("uncertainty.md" in text)
     commands = f"fdcal study STUDY.toml -o found\nfdcal study --report found --page {page}\n"
-    if documented:
-        commands = "fdcal study studies/page.toml -o page\n"
-        commands += "fdcal study --report page --page docs/explanation/study-page.md\n"
-    assert commands in text and ("`studies/page.toml`" if documented else "`scenarios`") in text
+    assert commands in text and "`scenarios`" in text
 
 
 def test_the_page_of_a_study_says_what_its_rows_hold(scenarios, tmp_path):
