@@ -16,7 +16,6 @@ from fdcal.viewer import app
 from fdcal.viewer import scene3d as cameras
 
 WAIT = 60.0  # s, bound of every wait
-EXACT = "?fixedDpr=1#face=expert"  # of a page where it matters which pixel shows what: its canvas is reported in pixels
 COARSE = "?fixedDpr=0.25#face=expert"  # of any other page: a sixteenth of the pixels is enough
 
 ARGUMENTS = [
@@ -135,11 +134,6 @@ def choose(page, label, option):
 
 def tab(page, name):
     page.get_by_role("tab", name=name, exact=True).click()
-
-
-def unfold(page, name):
-    """Show the controls of a folder; again, to hide them."""
-    page.get_by_text(name, exact=True).click()
 
 
 STANDS = """([x, y, z]) => {

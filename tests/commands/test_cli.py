@@ -52,7 +52,7 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def run(*options, path=made / "tiny.npz") -> tuple[str, dict]:
-        assert exit_code("calibrate", path, "--modes", "20", "-o", "r.json", "--force", *map(str, options)) in (0, 4)
+        assert exit_code("calibrate", path, "--modes", "14", "-o", "r.json", "--force", *map(str, options)) in (0, 4)
         return capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
 
     return run

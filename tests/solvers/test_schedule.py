@@ -16,7 +16,6 @@ from fdcal.solvers.robust.schedule import TRANSITIONS, begin_final, likeliest, o
 from fdcal.solvers.robust.state import STAGES, LocalOptimum
 
 PLACES = [*dict.fromkeys(stage.name for stage in STAGES), "restart"]
-CONDITIONS = list(dict.fromkeys(when for _, when, _ in TRANSITIONS))
 ALWAYS = next(when for place, when, _ in TRANSITIONS if place == "deformation")
 
 

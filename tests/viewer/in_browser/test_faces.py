@@ -353,12 +353,6 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.keyboard.press("Escape")
 
 
-# Whether a button of a panel lies within the window, and nothing covers it.
-BUTTON_SEEN = """name => {
-    const button = [...document.querySelectorAll("#root button")].find(one => one.innerText.trim() == name);
-    const {left, top, width, height} = button?.getBoundingClientRect() ?? {};
-    return button?.contains(document.elementFromPoint(left + width / 2, top + height / 2));
-}"""
 # Names of controls, in which a word is wider than its room.
 CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
     const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;

@@ -109,7 +109,6 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
 
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
-GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
 # Number of meshes below a name that a picture shows; a frame of the name stays when they have gone.
 SHOWN = """name => {
     let count = 0;
