@@ -328,7 +328,7 @@ def likelihood_maps(
     for m, (k, s, v) in enumerate(zip(field.wavenumbers.tolist(), field.power, field.noise, strict=True)):
         counts, rest = node_counts(domain, k), np.delete(p[m], n)
         if few:
-            rows = _node_rows(problem, range(len(problem.pressures))[modes][m], k, int(orders[m]))
+            rows = _node_rows(domain, range(len(problem.pressures))[modes][m], k, int(orders[m]))
             W = _real_dictionary(others, k, int(orders[m]), middle)
             # With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T takes the place of C_-n:
             # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
@@ -379,17 +379,17 @@ def _middle(domain: Search) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=2)
-def _tables(problem: Problem) -> dict[int, np.ndarray]:
-    """Return the cache of one problem, by mode, that `_node_rows` fills."""
+def _tables(domain: Search) -> dict[int, tuple[float, np.ndarray]]:
+    """Return what `_node_rows` has computed for one search domain: wavenumber and rows, by mode."""
     return {}
 
 
-def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
-    """Return the rows (C, 2L + 1) of the real dictionary at the nodes; computed again only for a higher order."""
-    rows, domain = _tables(problem).get(mode), eq7.search_domain(problem)
-    if rows is None or rows.shape[1] < 2 * order + 1:
-        points = node_points(domain, node_counts(domain, k), ())
-        rows = _tables(problem)[mode] = _real_dictionary(points, k, order, _middle(domain))
+def _node_rows(domain: Search, mode: int, k: float, order: int) -> np.ndarray:
+    """Return the rows (C, 2L + 1) of the real dictionary at the nodes; computed again for a higher order or other k."""
+    known, rows = _tables(domain).get(mode, (k, np.zeros((0, 0))))
+    if known != k or rows.shape[1] < 2 * order + 1:
+        rows = _real_dictionary(node_points(domain, node_counts(domain, k), ()), k, order, _middle(domain))
+        _tables(domain)[mode] = k, rows
     return rows[:, : 2 * order + 1]
 
 
