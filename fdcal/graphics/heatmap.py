@@ -68,7 +68,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     return tuple(meshes)
 
 
-RELIEF_HEIGHT = 0.22  # of the highest cost, of the longer side of a map: so low that no hill hides a hole
+RELIEF_HEIGHT = 0.22  # height of the highest cost over the longer side of the map; low, so that no hill hides a hole
 
 
 def cost_floor(

@@ -44,7 +44,7 @@ from .picture import focus_of, wall_height, z_range_of
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
     """Return arrays of int16, int32, float32 or float64 as JSON has them: "arrays", name to [type, shape], and "bytes".
 
-    A wrap round of differences is undone by the next one.
+    A difference that overflows wraps round, and the sum in the browser wraps back.
     """
     listed, content = {}, b""
     for name, values in arrays.items():

@@ -296,13 +296,13 @@ def landscape(
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
-    """Return names or numbers of microphones as texts; one alone is no list of them."""
+    """Return a list of names or numbers of microphones as texts. Raises InputError for a single one."""
     remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
     return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
 
 def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
-    """Return the entries of a list; InputError, that it is no list of `what`, for a text and for what is none."""
+    """Return the entries of a list. Raises InputError for a text, or for a value that cannot be iterated."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
         raise InputError(f"{key} = {shown_literal(values)} is no list of {what}", remedy, key=key, value=values)
     return list(values)

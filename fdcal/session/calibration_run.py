@@ -163,8 +163,8 @@ def solve(
         convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
     with one_blas_thread():
-        # Before the first run nothing but the coherence speaks for the size of the array. A second one takes the modes
-        # that the array found interpolates, if their number was left open and as much time is left as the first took.
+        # Before the first run only the coherence tells the size of the array. If the number of modes was left open and
+        # as much time is left as the first run took, a second run uses the modes that the array found can interpolate.
         note = ""
         while True:
             limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)

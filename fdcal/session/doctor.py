@@ -1,4 +1,4 @@
-"""Whether a recording, or a published data set, is what it says: `examine` returns one finding for each question.
+"""Check a recording or a published data set: `examine` returns one finding for each question.
 
 samples      which channels are silent, clipped or copies
 wrapped      whether the beginning of impulse responses stands at their end

@@ -88,7 +88,7 @@ class LessonSetting:
             values |= {"microphone": int(parts["microphone"]), "follow": False}
         if "trails" in parts:
             values["trails"] = parts["trails"] == "on"
-        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera is of a window alone
+        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera belongs to one window
             values["view"] = "3d" if numbers else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
         given = {name: value for name, value in vars(self).items() if value not in (None, ())}
@@ -114,7 +114,7 @@ class LessonStep:
 
     @property
     def parts(self) -> tuple[LessonSetting, ...]:
-        """The settings before and after the answer; those before alone where the step asks nothing."""
+        """The settings before and after the answer; only those before it where the step has no question."""
         return (self.page, self.then) if self.question else (self.page,)
 
 
@@ -168,7 +168,7 @@ class LessonProgress:
 
     @property
     def answered(self) -> bool:
-        """Whether the step asks nothing that has no answer yet; False without a lesson."""
+        """Whether the question of the step, if it has one, is answered; False without a lesson."""
         return self.step is not None and (self.choice >= 0 or not self.step.choices)
 
 

@@ -126,7 +126,7 @@ ONE_PLACE = 1e-6  # of the array's extent: microphones that are closer count as 
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """What is assumed where nothing is given, and how much is computed."""
+    """Defaults, limits, and how much is computed."""
 
     low: float = 20.0  # lowest frequency by default
     # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
@@ -533,7 +533,7 @@ def plan_lines(plan: Plan) -> list[str]:
 
 
 def _advice(plan: Plan) -> str:
-    """Return what reaches the accuracy that is wanted, by the table alone."""
+    """Return which entry of the table reaches the accuracy that is wanted, in words."""
     request, wanted = plan.request, f"{length_text(plan.request.accuracy)} rms"
     reached = plan.expected <= request.accuracy
     own = plan.takes.index(request.takes)

@@ -1,4 +1,4 @@
-"""What fdcal changes in its process while it works, and then puts back: the handlers of signals, and BLAS's threads.
+"""Signal handlers and the number of BLAS threads: fdcal changes them while it works and restores them afterwards.
 
 The matrices of the solvers are small and their own threads share the work by modes: more threads of BLAS cost more time
 than they save, most of all beside another process. Importing fdcal changes nothing.

@@ -38,7 +38,7 @@ MAX_FILLED = 300  # states, evenly spaced over a run, whose cost is computed whe
 
 
 class StateCosts:
-    """Costs of states, dB, by the state itself; those of states that no longer exist are forgotten.
+    """Costs of states, dB, kept as long as the states exist.
 
     `reference_cost` returns the cost of a state; without it every cost is NaN. `newest`: the cost computed last.
     """
@@ -88,7 +88,7 @@ class StateCosts:
         return [state for state in states[::-1][::stride] if not self.knows(state)]
 
 
-MAX_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
+MAX_STATES = 4000  # kept of a run, about 6 kB each; when there are more, every second one is dropped
 
 
 def thinned(states: Sequence) -> list:
@@ -171,7 +171,7 @@ class SolverRun:
     def execute(self, method: Callable, *arguments, **named) -> None:
         """Call a method of this class; an exception pauses the run and is shown in the view.
 
-        A command, unlike a step, that asks for what cannot be changes nothing, and the view says why.
+        A command that is not possible changes nothing, and the view holds the reason.
         """
         before, is_command = self._reached, method is not SolverRun.advance
         if is_command:

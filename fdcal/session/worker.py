@@ -1,4 +1,4 @@
-"""Threads that carry out only the newest requests: for cost maps, pictures and other results that may arrive late."""
+"""Threads that carry out only the newest requests, for results that may arrive late, such as maps and pictures."""
 
 import collections
 import logging

@@ -106,7 +106,7 @@ class AddressBar:
         self._pending = request, client, asked
 
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
-        """Set what differs from what is shown: a page that is loaded again changes nothing."""
+        """Set what differs from what is shown, so that reloading a page changes nothing."""
         binding, now, camera = viewer.binding, parse_address(address_of(viewer)), camera_of(asked)
         keys = {"view"} if "lesson" in asked else set(ADDRESS) - {"scene", "method", "lesson", "part"}
         new = {key: asked[key] for key in ADDRESS if key in keys & asked.keys() and asked[key] != now.get(key)}

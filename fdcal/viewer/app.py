@@ -42,7 +42,9 @@ def serve(
             server.gui.set_panel_label("fdcal")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
-            if opens and sent.wait(BROWSER_TIME):  # its film needs nothing of what is loaded below, and a processor
+            if opens and sent.wait(
+                BROWSER_TIME
+            ):  # the film plays smoothly if the imports below wait for its first picture
                 server.on_client_connect(lambda client: connected.set())
                 connected.wait(FIRST_PICTURE)
             from .scene3d import SceneNodes

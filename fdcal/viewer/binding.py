@@ -2,7 +2,7 @@
 
 A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With
 `command="snr"` the bar of the face Explore and the keys do the same, by that name (`Binding.carry_out`).
-A value that the control cannot have never arrives; `server.hardening` drops it. Callbacks are `async`, so that viser
+`server.hardening` drops values that a control cannot have. Callbacks are `async`, so that viser
 runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
 the browsers have.
 """
@@ -117,7 +117,7 @@ class Binding:
             try:
                 act(*([client] if of_client else []), value)
             except RuntimeError:
-                if not self.closed:  # else the session has given way to another one, with all of its controls
+                if not self.closed:  # a session that is being replaced has no controls any more
                     raise
 
         async def respond(event) -> None:

@@ -271,7 +271,7 @@ class Overlay:
             self._regions[region].content = wanted
 
     def say(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
-        """Show words, a smaller line below them, and buttons, which with that line invite; nothing for ""."""
+        """Show words, a smaller line below them and buttons; the words "" remove all of it."""
         self._buttons = buttons
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""

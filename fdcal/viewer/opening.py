@@ -2,7 +2,7 @@
 
 The film shows modes that are added to a map of many minima until one is left, and a microphone that rolls in. It stands
 in the page's HTML, so that each browser plays it from its own beginning without a message of the server (`film.js`);
-whoever touches anything there ends it there. `docs/opening.py` writes the files: nothing is simulated before it plays.
+the first touch in a browser ends it in that browser. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 
 from __future__ import annotations

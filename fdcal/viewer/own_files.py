@@ -1,7 +1,7 @@
-"""Files from a user's own computer, which the control at the end of the sheet of scenes sends: `server/page.js`.
+"""Files that a user uploads with the form below the list of scenes (`server/page.js`).
 
-They come in parts, as the messages by which viser sends files, and are kept in a private temporary folder until the
-server ends. Only a page that this machine alone can reach takes files.
+They arrive in parts, in viser's messages for uploads, and stay in a private temporary folder until the server ends.
+The page takes files only if no other machine can reach it.
 """
 
 from __future__ import annotations

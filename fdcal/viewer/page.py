@@ -1,4 +1,4 @@
-"""The page: what stays while sessions come and go, and the main loop.
+"""The page and its main loop. It stays while one session replaces another.
 
 `Page.open(request)` is the one entry point that shows something else: the panels, a lesson and a session file use it.
 The present session stays and keeps running until the next one is ready (`SessionSwitcher`). If the next one cannot be
@@ -35,7 +35,7 @@ CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
 RATE = 25.0  # looks per second at whether anything has changed, and updates of the screen then
 MAX_RATE = 50.0  # updates per second while the user waits for something
-SETTLING = 5.0  # s for which the screen is updated after the last change: longer than anything is shown later
+SETTLING = 5.0  # s for which the screen is updated after the last change, longer than any delayed update
 CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
 RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
 
@@ -81,7 +81,7 @@ class Page:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
-            # Its commands are heard from now on: viser drops what it sends before it has sent its camera.
+            # viser drops what a browser sends before its camera; from now on commands of this browser arrive.
             client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
 
             @client.camera.on_update
@@ -101,14 +101,14 @@ class Page:
         self.switcher.open(request)
 
     def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
-        """Do what a control of the session does (`Binding.commands`); without it, nothing; on viser's event loop."""
+        """Carry out a command of the session (`Binding.commands`), if it has it; on viser's event loop."""
         if self.viewer is not None and command in self.viewer.binding.commands:
             self.viewer.binding.carry_out(client, command, value)
 
     def _prefer(self, client: viser.ClientHandle | None, dark: bool) -> None:
         """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop.
 
-        All browsers share the theme: it is that of the one that came first, so that nobody else turns it.
+        All browsers share the theme, and the first one that has connected decides.
         """
         if client is not self._first and self._first in self._server.get_clients().values():
             return
@@ -139,9 +139,9 @@ class Page:
 
     @property
     def changed(self) -> bool:
-        """Whether anything may have to be shown that is not, or only changes with the time."""
+        """Whether the screen may be out of date, or shows something that moves."""
         woken = self.wake.is_set()
-        if woken:  # else one that is set just now would be lost
+        if woken:  # clearing it unconditionally could lose a wake-up that arrives in between
             self.wake.clear()
         viewer, cameras = self.viewer, self.nodes.cameras
         return woken or viewer is None or viewer.changing or not self.switcher.idle or cameras.waiting
@@ -186,7 +186,7 @@ class Page:
         self.nodes.cameras.follow_all(self._server.get_clients().values())
 
     def _guarded(self, part: str, update: Callable[[], None]) -> None:
-        """Update a part of the page; an exception is logged once, and the page continues, as after one of a session."""
+        """Update a part of the page; an exception is logged once, and the page continues."""
         try:
             update()
         except Exception as error:

@@ -63,7 +63,7 @@ class Warmup:
 
     @property
     def text(self) -> str:
-        """The progress in words; "" while nothing takes long."""
+        """The progress in words; "" unless a compilation takes long."""
         if not self.busy or time.perf_counter() - self._since < COMPILE_TIME:
             return ""
         return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
@@ -82,7 +82,7 @@ class Cancelled(Exception):
 class PreparedRun:
     """What a page shows: a scene, its measurement, and the session that calibrates it."""
 
-    scene: Scene  # Scene; for a measurement from a file one that stands in for its unknown room
+    scene: Scene  # a placeholder where a measurement comes from a file and its room is unknown
     measurement: Measurement  # as it is drawn and scored
     problem: Problem  # as the solver receives it
     solver: Solver
@@ -302,7 +302,7 @@ def _prepare(opening: OpenRequest, progress: Preparation, warmup: Warmup) -> Pre
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind and not solver.TRAITS.needs_room:
         search = search_around(session.view.history[0].positions, search, truth)
-    if search is not measurement.search:  # for the maps alone: no blind array needs a domain to be solved
+    if search is not measurement.search:  # only the maps need it; a blind array is solved without a domain
         measurement, problem = replace(measurement, search=search), replace(problem, search=search)
     return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost, warmup)
 
@@ -342,7 +342,7 @@ class SessionSwitcher:
 
     @property
     def compiling(self) -> bool:
-        """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
+        """Whether a compilation is in progress, for the session that is shown or for one that was cancelled."""
         return any(one.compiling for one in self._begun)
 
     def poll(self) -> PreparedRun | None:

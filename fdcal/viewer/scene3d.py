@@ -59,7 +59,7 @@ class PageCamera:
 
 
 def canvas(camera) -> tuple[int, int]:
-    """Width and height, pixels, that a page reports; bounded, for it may report anything."""
+    """Width and height of a canvas, pixels, as the page reports them; bounded, because a page can send any number."""
     width, height = camera.image_width, camera.image_height
     return bounded(width, 1, MAX_PIXELS, ASSUMED_SIZE), bounded(height, 1, MAX_PIXELS, ASSUMED_SIZE)
 
@@ -182,7 +182,7 @@ class Cameras:
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.
 
-        A page that reports an impossible camera is left alone; the others go on.
+        A page that reports an impossible camera keeps it, and the others are served.
 
         `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
         """

@@ -1,7 +1,7 @@
-"""Who computes what of a session, and that nothing is computed twice.
+"""The background threads of a session, and a memo of the last result.
 
 Besides the main loop a session has three threads: that of its solver; `maps`, for what follows a pointer; and `jobs`,
-for what takes longer. Each drops what is outdated: of each kind of computation only the newest request counts.
+for what takes longer. Only the newest request of each computation is carried out; older ones are dropped.
 """
 
 import time
@@ -15,7 +15,7 @@ VALUES = (int, float, str, tuple)  # compared by value, all else by identity
 
 
 class Memo:
-    """The value that was made last, which counts as long as its inputs stay; None is no value. Threads may share it."""
+    """Keeps the last value and returns it while its inputs are the same; None is no value. Threads may share it."""
 
     def __init__(self):
         self._kept: tuple[tuple, Any] = (), None

@@ -1,4 +1,4 @@
-"""One session on the screen: the main loop copies its newest state there, with the map and the curves.
+"""One session on the screen: its newest state, the map, the verdict and the tabs.
 
 Three threads fraction no mutable data: viser's event loop checks what clients send and puts commands on the session's
 queue, the solver thread publishes frozen states, and the main thread copies the newest of them to the screen here.
@@ -115,7 +115,7 @@ class SessionPicture:
         shown = [start, np.reshape(measured.known_positions, (-1, start.shape[1]))]
         if measured.positions is not None and not measured.blind:
             shown.append(measured.positions)
-        # for pictures alone where it has none: a solver must not take this domain for something known
+        # only for pictures, where the measurement has no domain: the solver must not use this one
         self._measurement = replace(measured, search=search_around(np.concatenate(shown), measured.search))
         self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
         self._static = Memo()  # what stays the same while the solver runs
@@ -223,7 +223,7 @@ class Viewer:
             view = binding.frame.view(run.session.view)
             picture = self._picture.draw(view, choices, self._selected)
             self.snapshot = PageState(view, microphone=self._selected, picture=picture, run=run, choices=choices)
-            # In this order they get their turn.
+            # The threads serve them in this order.
             self.drop = Drop(binding, folders.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
             self.tabs = Tabs(folders, binding, nodes.cameras.request)
@@ -239,7 +239,7 @@ class Viewer:
 
     @property
     def changing(self) -> bool:
-        """Whether the session is no longer what is shown, or goes on by itself."""
+        """Whether the screen is older than the session, or the session is running."""
         view = self.run.session.view
         compiles = self.run.warmup is not None and self.run.warmup.busy
         news = view is not self.view or view.costs.count != self._costs  # which the solver computes while it rests

@@ -1,6 +1,6 @@
-"""What the page shows at one moment: a frozen `PageState`, and the choices of its users, which events alone replace.
+"""The state of the page: a frozen `PageState`, and the `Choices` of its users, which only events replace.
 
-The choices, apart from those that belong to the session, are saved with it.
+A session file holds the choices that have a value of their own in `Choices.to_save`.
 """
 
 from __future__ import annotations
@@ -33,28 +33,28 @@ KEPT = "trails ellipses lecture export_kind export_view export_size rate themed 
 
 @dataclass(frozen=True)
 class Choices(MapStyle):
-    """What the controls of the page show, apart from what belongs to the session."""
+    """What the users of the page have chosen; what belongs to the session is in its states."""
 
     microphone: int = 0  # whose map is shown, counted from 0
     follow: bool = True  # whether the map is that of the microphone which the last step moved
     shown: bool = True  # whether a map is shown
     modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
-    # of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
+    # added to ceil(k R) in the order of every mode of the map; at first as for the cost in the status
     order_offset: int = ORDER_OFFSET
-    objective: bool = True  # whether the map shows what the method minimises; else Eq. 7, whatever the method
-    dark: bool = False  # whether the page is
+    objective: bool = True  # whether the map shows what the method minimises; otherwise it shows Eq. 7
+    dark: bool = False  # whether the page has a dark background
     trails: bool = False  # whether the path of each estimate is drawn
     ellipses: bool = False  # whether the error ellipses are drawn
-    lecture: bool = False  # whether the page is shown by a projector
-    themed: bool = False  # whether a user has chosen a dark or a light page; else it follows the browser
-    descending: bool = False  # whether modes are added to the map from the highest down; else from the lowest up
+    lecture: bool = False  # whether text and marks are large enough for a projector
+    themed: bool = False  # whether a user has chosen dark or light; otherwise the page follows the browser
+    descending: bool = False  # whether modes are added to the map from the highest down
     modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
     export_view: str = "top"  # view of a picture to save, a value of VIEWS
     export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
     seed: int = 0  # of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
-    take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
+    take: int | None = None  # the take whose rows and spectrum are shown; None for all takes
     # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
     verdict: bool = True
     panel: str = "none"
@@ -101,7 +101,7 @@ SWITCHES = tuple(
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
-    """Return the choices of a session that opens: those of its request, and the appearance of the page before.
+    """Return the choices of a new session: those of its request, and how the page looked before.
 
     `modes`: number of modes that can be in use; `before`: Choices of the session that was shown before, or None. Raises
     InputError: the request's `choices` hold an unknown key or value.
@@ -177,7 +177,7 @@ class PositionUncertainty:
 
 @dataclass(frozen=True)
 class PageState:
-    """What the page shows at one moment: all of its views are functions of it."""
+    """What the page shows; all of its views are functions of this state."""
 
     view: SessionView  # the states of the run, that shown as the page draws it
     now: float = 0.0  # s
@@ -191,8 +191,8 @@ class PageState:
     found: Assessment | None = None  # of the state, once the solver has finished
     uncertainty: PositionUncertainty | None = None  # likewise
     assessing: bool = False  # whether there will be one
-    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
-    run: Any = None  # PreparedRun, and Choices of its users; a test may leave out what a view does not look at
+    sought: np.ndarray | None = None  # numbers of the microphones whose errors are averaged; None: as in the run
+    run: Any = None  # PreparedRun; like `choices`, None in tests of views that do not need it
     choices: Any = None
 
     @property
@@ -202,5 +202,5 @@ class PageState:
 
     @property
     def counted(self) -> np.ndarray:
-        """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
+        """Numbers of the microphones whose errors are averaged and that align a blind array with the truth."""
         return self.run.sought if self.sought is None else self.sought

@@ -85,7 +85,7 @@ def curve(count: int, minima: tuple[int, ...], summed: int) -> tuple[np.ndarray,
 
 UP, DOWN = "Lowest first", "Highest first"
 RATE, MAX_RATE = 4, 20  # modes per second
-NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
+NOT_ASKED, NEXT = -2, -1  # in place of the number of the state whose sweep is wanted: none, and the present state
 ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
 
 
@@ -165,7 +165,7 @@ class SweepTab(Tab):
         self._playing = None
 
     def sum_modes(self, count: int, alone: bool | None = None) -> None:
-        """Pause, and show the sum of the first `count` modes of the sweep, or the last of them alone, as before."""
+        """Pause, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone = self.alone if alone is None else alone
         self.pause()
         if not self._binding.choices.shown:
@@ -176,7 +176,7 @@ class SweepTab(Tab):
 
     @property
     def alone(self) -> bool:
-        """Whether the map shows one mode alone; of the first one, which is also a sum, whether the last one was."""
+        """Whether the map shows a single mode; for the first mode, which is also a sum, as for the map before."""
         modes = self._binding.choices.modes
         if modes != self._sequence()[:1]:
             self._alone = modes is not None and len(modes) == 1
