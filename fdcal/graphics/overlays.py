@@ -9,20 +9,7 @@ import numpy as np
 
 from ..model.validation import Reals, frozen_array
 from . import glyphs
-from .marks import (
-    ELLIPSE,
-    ESTIMATE,
-    MARKS,
-    TRAIL,
-    Layer,
-    drape,
-    layer_height,
-    lines,
-    marked,
-    mesh,
-    on_layer,
-    strokes,
-)
+from .marks import ELLIPSE, ESTIMATE, MARKS, TRAIL, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
 from .primitives import Colour, Floor, Lines, Mesh, Picture
 from .volume import Volume
 

@@ -36,6 +36,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_around
+from ..model.validation import evenly_spaced
 from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import EDGE, MARKS, marks_json, symbol_svg
 from .picture import focus_of, wall_height, z_range_of
@@ -194,8 +195,7 @@ def run_data(
     (N, D), count, numbers = states[0].positions.shape, len(states), 2 if truth is None else 4
     room = max_bytes - BASE_BYTES - NAME_BYTES * N - sum(a.nbytes for a in arrays.values()) * 4 / 3
     each = 4 * N * (D + 3 * corrected) + 4 * len(STATE_NUMBERS) + 8 * numbers  # bytes of a state before they are coded
-    most = max(2, int(room / (each * 4 / 3)))
-    kept = np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+    kept = evenly_spaced(count, max(2, int(room / (each * 4 / 3))))
     for part in parts:
         part["range"] = np.searchsorted(kept, part["range"]).tolist()
     ends = [end for part in parts for end in part["range"]]
@@ -262,8 +262,7 @@ def _state_data(
 
 def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int]) -> np.ndarray:
     """Cost of each state, dB; of a long run that of MAX_COSTS states and `ends`, and straight lines between them."""
-    spaced = np.linspace(0, len(states) - 1, min(len(states), MAX_COSTS)).round()
-    computed = np.union1d(spaced, ends).astype(int)
+    computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))

@@ -23,7 +23,7 @@ import numpy as np
 from ..cost.maps import CostVolume, area, minima_of
 from ..cost.scale import OUTSIDE, Minima
 from ..model.settings import Search
-from ..model.validation import frozen_array
+from ..model.validation import evenly_spaced, frozen_array
 from .glyphs import round_ticks
 from .heatmap import SHOWN, TABLE, WHOLE, basin_image, colour_limits, normalise, to_rgb
 from .primitives import ColourBar, Floor, Surface
@@ -106,8 +106,7 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
         levels = [v for v in round_ticks(low, middle, count) if SMALLEST < np.mean(decibels < v) <= LARGEST]
         if len(levels) >= 3:
             break
-    chosen = np.unique(np.linspace(0, len(levels) - 1, min(len(levels), MAX_LEVELS)).round().astype(int))
-    return tuple(float(levels[i]) for i in chosen) if levels else ()
+    return tuple(float(levels[i]) for i in evenly_spaced(len(levels), MAX_LEVELS)) if levels else ()
 
 
 def volume_of(

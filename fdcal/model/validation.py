@@ -165,6 +165,11 @@ def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     return array
 
 
+def evenly_spaced(count: int, max_count: int) -> np.ndarray:
+    """Return at most `max_count` indices below `count`, evenly spaced, the first and the last among them."""
+    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(np.int64))
+
+
 # Kinds of array: dtype kinds that are converted without loss, name in messages, and resulting dtype.
 KINDS = {
     "real": ("fiu", "real numbers", np.float64),

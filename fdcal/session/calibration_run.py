@@ -88,9 +88,9 @@ def assess_state(
     found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
     if problem.frame is None:
         return found
-    turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
+    rotation = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
     positions = frozen_array(move_to_frame(found.positions, problem.frame), float)
-    return replace(found, positions=positions, covariance=frozen_array(turn.T @ found.covariance @ turn, float))
+    return replace(found, positions=positions, covariance=frozen_array(rotation.T @ found.covariance @ rotation, float))
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:

@@ -41,6 +41,7 @@ from ..model.validation import (
     Seconds,
     Seed,
     check,
+    evenly_spaced,
     frozen_array,
     length_text,
     refusal,
@@ -179,9 +180,9 @@ class PlanRequest:
 
     def __post_init__(self):
         x, room = self.layout.positions, self.room
-        (N, D), least, most = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
-        if not least <= N <= most:
-            raise InputError(f"the layout has {N} microphones", f"give {least} to {most}", key="layout", value=N)
+        (N, D), low, high = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
+        if not low <= N <= high:
+            raise InputError(f"the layout has {N} microphones", f"give {low} to {high}", key="layout", value=N)
         pairs = np.triu_indices(N, 1)
         apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
         if apart.min() <= ONE_PLACE * apart.max():
@@ -261,17 +262,13 @@ class PlanRequest:
     @property
     def frequencies(self) -> np.ndarray:
         """The frequencies of one take : (M,) float64, Hz: of the band evenly at most as many as an import takes."""
-        return evenly(self.band_frequencies, default_max_rows(len(self.layout.names), self.takes))
+        f = self.band_frequencies
+        return f[evenly_spaced(len(f), default_max_rows(len(self.layout.names), self.takes))]
 
     @property
     def prior(self) -> Prior:
         """What is given beside the pressures."""
         return Prior(np.array(self.known, int), self.known_sigma, self.gain_sigma_db * np.log(10) / 20)
-
-
-def evenly(f: np.ndarray, most: int) -> np.ndarray:
-    """Return at most so many of some frequencies, evenly taken."""
-    return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]
 
 
 @dataclass(frozen=True)
@@ -347,7 +344,8 @@ def make_plan(request: PlanRequest) -> Plan:
     with one_blas_thread():
         arrivals = _arrival_information(request, takes)
         others = [replace(request, takes=count) for count in takes]
-        used = evenly(request.band_frequencies, max(PLAN_LIMITS.min_frequencies, PLAN_LIMITS.work // len(x)))
+        used = request.band_frequencies
+        used = used[evenly_spaced(len(used), max(PLAN_LIMITS.min_frequencies, PLAN_LIMITS.work // len(x)))]
         k, noise = 2 * np.pi * used / request.sound_speed, [10 ** (-snr_db / 10) for snr_db in ratios]
         of_frequency = [  # in a diffuse field, the mean over the band
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise

@@ -24,11 +24,9 @@ from ..session.lesson import LessonSetting
 from ..session.sources import OpenRequest, scene_request
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
-from .state import kind_of
-from .tabs.lessons import KINDS, LessonsTab, apply_setting, plain_choices
+from .tabs.lessons import LessonsTab, apply_setting, plain_choices
 
 MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
-MAP_NAMES = {kind: name for name, kind in KINDS.items()}
 
 
 def camera_of(address: Mapping[str, str]) -> Camera | None:
@@ -56,7 +54,7 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
     modes = SOLVER if choices.modes is None else modes_text(choices.modes).replace(" ", "")
     if len(modes) <= MAX_MODES_TEXT:  # a link with more could not be opened
         parts["modes"] = modes
-    parts["map"] = MAP_NAMES[kind_of(choices)]
+    parts["map"] = choices.kind
     return "&".join("=".join(part) for part in parts.items())
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
 from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, basin_layer, layer_floor, sampled_volume, volume_of
 from ..graphics.waves import MAX_WAVES, wave_floor
+from ..model.address import Map
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import Search
@@ -33,17 +35,23 @@ from .html import error_message
 from .prepare import PreparedRun
 from .scheduler import Memo, Scheduler
 
+# Kinds of map: colours; colours and heights; the sound field of the last mode; basins of attraction; isosurfaces; none.
+MAP_KINDS = get_args(Map)
+
 
 @dataclass(frozen=True)
 class MapStyle:
     """How a map is drawn."""
 
+    kind: Map = "flat"
     log: bool = True  # whether its scale is logarithmic
-    relief: bool = False  # whether its heights rise with its colours
-    shape: bool = False  # the sound field of the last of the modes instead of a cost
     minima: bool = True  # whether its local minima are marked and counted
-    volume: bool = False  # the cost in space instead of on the floor
-    basins: bool = False  # the basins of attraction instead of the cost
+    in_space: bool = False  # whether the cost of one microphone can be computed in space
+
+    @property
+    def volume(self) -> bool:
+        """Whether the cost in space is computed; the basins of an array in space are those in three dimensions."""
+        return self.in_space and self.kind in ("volume", "basins")
 
 
 @dataclass(frozen=True)
@@ -227,7 +235,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     shown = above_lowest(run, request, total, lowest)
     figures, base = (minima, here, lowest), None if shown is total else lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
-    if style.basins:
+    if style.kind == "basins":
         basins, (place, name) = basins_of(total), place_of_basin(run, request)
         floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
         note = descent_text(basins, search, place, name)
@@ -236,7 +244,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        shown, search, style.log, label, minima=minima, relief=style.relief, height=height,
+        shown, search, style.log, label, minima=minima, relief=style.kind == "relief", height=height,
     )  # fmt: skip
     return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base)
 
@@ -302,7 +310,7 @@ class CostMapWorker:
             if wanted.follow and last.microphone != wanted.microphone:
                 pause = max(pause, FOLLOW_TIME)
             due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one
-            alike = last.style.shape == wanted.style.shape and last.style != wanted.style
+            alike = (last.style.kind == "shape") == (wanted.style.kind == "shape") and last.style != wanted.style
             if alike and replace(last, style=wanted.style).stands_for(wanted, True):
                 wanted = replace(last, style=wanted.style)  # drawn again from the same costs
         if not self.worker.wants(wanted) and due and not (running and self.worker.busy):
@@ -311,7 +319,7 @@ class CostMapWorker:
         drawn = latest is not None and latest.request[0] == wanted
         idle = not running and now - self._since > IDLE_TIME
         # a finer surface of a relief would take seconds to send
-        if drawn and idle and not (wanted.style.shape or wanted.style.relief) and self.worker.wants(wanted):
+        if drawn and idle and wanted.style.kind not in ("shape", "relief") and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         fine, latest = self._fine_worker.latest, self.worker.latest
         if fine is not None and fine.result is not None and fine.request[0] == wanted:
@@ -353,7 +361,7 @@ class CostMapWorker:
         z, note = float(position[2]), ""
         height = z_range_of(self._run.known_scene, self._run.measurement)[0]
         minima = sampled.minima if style.minima else None
-        if style.basins:
+        if style.kind == "basins":
             basins = self._found[fine](lambda: basins_of(sampled.cost), key)
             home, name = place_of_basin(self._run, request)
             floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
@@ -376,20 +384,20 @@ class CostMapWorker:
         search = run.problem.search
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
-        if request.style.shape:
+        if request.style.kind == "shape":
             state, shown = request.state, modes if len(modes) <= MAX_WAVES else modes[-1:]
             names = [(mode, row_label(run.measurement, mode)) for mode in shown]
             own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
             floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
             return CostMap(request, floor, None, 0.0, 0.0)
-        if request.style.basins:
+        if request.style.kind == "basins":
             search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
 
         def compute() -> tuple[Reals, Minima]:
             total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)
             return total, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
 
-        total, minima = self._costs(compute, _key(request), request.style.basins)
+        total, minima = self._costs(compute, _key(request), request.style.kind == "basins")
         return cost_map(run, request, total, search, minima)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:

@@ -261,7 +261,7 @@ class Drop:
 
     def tick(self, view: SessionView, drawn: CostMap | None, now: float) -> MovingMicrophone | None:
         """Return what the scene shows of the microphone at the time `now`, s; None where nothing is dragged."""
-        self._droppable = drawn is not None and not drawn.request.style.shape
+        self._droppable = drawn is not None and drawn.request.style.kind != "shape"
         if view.count == 1 and self._count > 1:
             self.tries = self.home = 0
             self._say("")

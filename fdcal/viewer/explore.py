@@ -19,7 +19,7 @@ from ..assessment.words import state_error_words, state_word
 from ..model.arrays import positions_of
 from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, StorageError, modes_text, require_choice
+from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest, scene_request
 from .binding import Binding
@@ -57,7 +57,7 @@ def run_curve(view: SessionView) -> tuple[str, str]:
 
     Both are "" before there are two costs.
     """
-    at = np.unique(np.linspace(0, view.count - 1, min(view.count, CURVE_POINTS)).round().astype(int))
+    at = evenly_spaced(view.count, CURVE_POINTS)
     cost = np.array([view.costs.of(view.history[i]) for i in at.tolist()])
     known = np.isfinite(cost)
     if known.sum() < 2:

@@ -1,8 +1,8 @@
 """What the page opens with: a film, and the scene of its session.
 
-The film shows modes that are added to a map of many minima until one is left, and a microphone that rolls in. It stands
-in the page's HTML, so that each browser plays it from its own beginning without a message of the server (`film.js`);
-the first touch in a browser ends it in that browser. `docs/opening.py` writes the files, so that nothing has to be simulated.
+The film shows modes that are added to a map of many minima until one is left, and a microphone that rolls in. The film
+is part of the page's HTML: each browser plays it from its beginning without a message of the server (`film.js`), and
+the first touch ends it there. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 
 from __future__ import annotations
@@ -26,6 +26,6 @@ def film_html() -> str:
 
 def opening_request() -> OpenRequest:
     """Return the request for the session of the opening: one mode in relief, with its many minima."""
-    choices = {"relief": True, "microphone": MICROPHONE, "follow": False}
+    choices = {"kind": "relief", "microphone": MICROPHONE, "follow": False}
     choices |= {"modes": (MODE,), "descending": True, "objective": False}  # the maps of the film, in its order
     return OpenRequest(load_scene(SCENE), measurement=load_measurement(MEASUREMENT), choices=choices)

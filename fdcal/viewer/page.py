@@ -218,7 +218,7 @@ class Page:
         elif self._dark:
             self._server.get_event_loop().call_soon_threadsafe(self._prefer, self._first, True)
         if old is None or old.snapshot.picture.focus != new.snapshot.picture.focus:
-            in_relief = old is None and new.binding.choices.relief
+            in_relief = old is None and new.binding.choices.kind == "relief"
             self.nodes.cameras.view = view = "close" if in_relief else "top"
             self.nodes.cameras.set_initial(new.snapshot.picture)
             for client in self._server.get_clients().values():

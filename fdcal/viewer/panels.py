@@ -223,7 +223,7 @@ class RunBar(Tab):
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
         if view.running and self._binding.choices.rate is None:
-            # Unless a user has chosen the speed, a run becomes faster: a short one can be followed, a long one ends soon.
+            # Unless a user has chosen the speed, a run becomes faster: one can follow it, and a long one ends soon.
             self._since = tick.now if self._since < 0 else self._since
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
             rate = slow * watched_rate(self._rate, tick.now - self._since)
@@ -249,7 +249,7 @@ class RunBar(Tab):
 
 MAX_SEED = 2**31 - 1
 STARTS = ("affine", "random")
-KEPT_BY_METHOD = ("microphone", "follow", "shown", "take")  # choices that a change of the method keeps
+KEPT_BY_METHOD = ("microphone", "follow", "kind", "take")  # choices that a change of the method keeps
 
 
 def default_start(solver: str) -> str:

@@ -183,8 +183,8 @@ class DisplayFrame:
         wanted = self.positions(moved)[microphone]
         wanted[: len(place)] = place
         for _ in range(ROUNDS):
-            turn, centre, target = rigid_motion(moved[self.by], self._anchor[self.by])
-            back = (wanted - target) @ turn.T + centre
+            rotation, centre, target = rigid_motion(moved[self.by], self._anchor[self.by])
+            back = (wanted - target) @ rotation.T + centre
             change = float(np.abs(back - moved[microphone]).max())
             moved[microphone] = back
             if change < NEGLIGIBLE:

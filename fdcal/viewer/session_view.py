@@ -1,6 +1,6 @@
 """One session on the screen: its newest state, the map, the verdict and the tabs.
 
-Three threads fraction no mutable data: viser's event loop checks what clients send and puts commands on the session's
+Three threads share no mutable data: viser's event loop checks what clients send and puts commands on the session's
 queue, the solver thread publishes frozen states, and the main thread copies the newest of them to the screen here.
 """
 
@@ -356,14 +356,14 @@ class Viewer:
         of the last one while its move is drawn. A running solver is faster than its maps: then the microphone is that
         of the newest map.
         """
-        following = choices.follow and view.running and choices.shown
+        following = choices.follow and view.running and choices.kind != "none"
         if not choices.follow:
             self._selected = choices.microphone
         elif not following:
             upcoming = -1 if moving else view.state.next_microphone(self.run.problem)
             upcoming = view.state.moved if upcoming < 0 else upcoming
             self._selected = self._selected if upcoming < 0 else upcoming
-        if not choices.shown or self.run.problem.search is None:
+        if choices.kind == "none" or self.run.problem.search is None:
             self.wanted = None
             return None, ""
         microphone = view.state.moved if following and view.state.moved >= 0 else self._selected

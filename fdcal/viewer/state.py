@@ -18,12 +18,9 @@ from ..model.validation import InputError
 from ..session.calibration_run import Assessment
 from ..session.lesson import MAX_ORDER_OFFSET
 from ..session.session import SessionView
-from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
+from .cost_maps import MAP_KINDS, CostMap, CostMapRequest, MapStyle, map_modes
 from .prepare import PreparedRun
 
-FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
-BASINS = "Basins of attraction"
-VOLUME = "Isosurfaces (3-D)"  # of an array in space
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
@@ -37,7 +34,6 @@ class Choices(MapStyle):
 
     microphone: int = 0  # whose map is shown, counted from 0
     follow: bool = True  # whether the map is that of the microphone which the last step moved
-    shown: bool = True  # whether a map is shown
     modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
     # added to ceil(k R) in the order of every mode of the map; at first as for the cost in the status
     order_offset: int = ORDER_OFFSET
@@ -90,13 +86,15 @@ class Choices(MapStyle):
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "order_offset", "take", *SWITCHES)
+        keys = ("kind", "microphone", "modes", "order_offset", "take", *SWITCHES)
         return {key: getattr(self, key) for key in keys}
 
 
 # Those that are saved and are true or false.
 SWITCHES = tuple(
-    one.name for one in fields(Choices) if one.type == "bool" and one.name not in ("lecture", "themed", "verdict")
+    one.name
+    for one in fields(Choices)
+    if one.type == "bool" and one.name not in ("in_space", "lecture", "themed", "verdict")
 )
 
 
@@ -112,14 +110,13 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     themed, seed = "dark" in run.opening.choices, run.session.view.state.seed
     choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=seed, themed=themed)
     if before is not None:
-        kept = {name: getattr(before, name) for name in KEPT}
-        volume = (before.volume or before.basins) and has_volume(measurement)
-        kept |= {**vars(before.style), "shape": False, "volume": volume}
+        kind = "flat" if before.kind in ("shape", "none") else before.kind
+        kept = {name: getattr(before, name) for name in KEPT} | vars(before.style) | {"kind": kind}
         choices = replace(choices, **kept)
     wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
     values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
-    choices = replace(choices, **values)
-    return choices if has_volume(measurement) else replace(choices, volume=False)  # of an array in a plane
+    choices = replace(choices, **(values | {"in_space": has_volume(measurement)}))
+    return replace(choices, kind="flat") if choices.kind == "volume" and not choices.in_space else choices
 
 
 def has_volume(measurement: Measurement) -> bool:
@@ -133,6 +130,7 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
     numbers = list(value) if isinstance(value, (list, tuple)) else []
     possible = {name: isinstance(value, bool) for name in SWITCHES}
     possible |= {
+        "kind": value in MAP_KINDS,
         "microphone": 0 <= whole < count,
         "take": value is None or whole in takes,
         "order_offset": 0 <= whole <= MAX_ORDER_OFFSET,
@@ -142,25 +140,11 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         return tuple(sorted(set(numbers))) if numbers else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
-        f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
-        f" order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
+        f"use kind ({', '.join(MAP_KINDS)}), microphone (0 to {count - 1}), take (0 to {max(takes)}),"
+        f" modes (from 1 to {modes}), order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,
     )
-
-
-MAP_KINDS = (FLOOR, RELIEF, SHAPE, BASINS, VOLUME, NOTHING)
-
-
-def kind_of(choices: Choices) -> str:
-    """Return which kind of map the choices ask for."""
-    if not choices.shown:
-        return NOTHING
-    if choices.basins:
-        return BASINS
-    if choices.volume:
-        return VOLUME
-    return RELIEF if choices.relief else SHAPE if choices.shape else FLOOR
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     tabs.map.show_as(MAP_KINDS[0])
     command(page, f"open={written}&view={CAMERA}")
     choices = page.viewer.binding.choices
-    assert (choices.microphone, choices.modes, choices.relief) == (5, (2, 3, 4, 6), True)
+    assert (choices.microphone, choices.modes, choices.kind) == (5, (2, 3, 4, 6), "relief")
     (_, camera), *_ = [one for one in page.nodes.cameras._requests if one[1] is not None][-1:]
     assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
     before = page.viewer.binding.choices
@@ -65,7 +65,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
 def test_a_link_to_another_scene_opens_it_and_then_sets_method_step_and_map(tiny_page):
     page, turn_until = tiny_page
     command(page, "open=scene=plane3d&microphone=3&modes=1-4&map=none")
-    turn_until(lambda: page.viewer.run.scene.name == "plane3d" and not page.viewer.binding.choices.shown)
+    turn_until(lambda: page.viewer.run.scene.name == "plane3d" and page.viewer.binding.choices.kind == "none")
     turn_until(lambda: address_bar(page) == "scene=plane3d&method=robust&microphone=3&modes=1-4&map=none")
     command(page, "open=scene=tiny&method=joint&step=2&modes=solver&map=flat")
     turn_until(lambda: address_bar(page) == "scene=tiny&method=joint&step=2&modes=solver&map=flat")

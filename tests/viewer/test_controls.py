@@ -19,13 +19,13 @@ from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import CostMapRequest, MapStyle, map_modes
+from fdcal.viewer.cost_maps import MAP_KINDS, CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
-from fdcal.viewer.state import FLOOR, MAP_KINDS, NOTHING, RELIEF, PageState, kind_of
+from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
 from fdcal.viewer.tabs.help import KEYS, add_keys
-from fdcal.viewer.tabs.map import EQ7
+from fdcal.viewer.tabs.map import EQ7, LABELS
 
 
 def test_controls_without_effect_are_hidden(controls):
@@ -34,7 +34,7 @@ def test_controls_without_effect_are_hidden(controls):
     map_.choose_modes([1, 2])
     handles = (map_.text, map_.scale)
     assert all(handle.visible for handle in handles)
-    set_by_client(map_.kind, NOTHING)
+    set_by_client(map_.kind, LABELS["none"])
     assert not any(handle.visible for handle in handles)
     picture = static_picture(None, panel.binding.measurement)
     for ellipses, finished, seen in ((False, False, False), (True, False, True), (True, True, False)):
@@ -51,13 +51,13 @@ def test_controls_without_effect_are_hidden(controls):
 def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_down(controls):
     panel, _ = controls
     seen = []
-    for view, chosen in (("close", None), ("top", None), ("top", RELIEF), ("close", NOTHING), ("3d", FLOOR)):
+    for view, chosen in (("close", None), ("top", None), ("top", "relief"), ("close", "none"), ("3d", "flat")):
         if chosen is not None:
             panel.map.show_as(chosen)
         panel.look(None, view)
-        seen.append(kind_of(panel.binding.choices))
-        assert panel.map.kind.value == seen[-1]
-    assert seen == [RELIEF, FLOOR, RELIEF, NOTHING, FLOOR], "what a user chooses stays"
+        seen.append(panel.binding.choices.kind)
+        assert panel.map.kind.value == LABELS[seen[-1]]
+    assert seen == ["relief", "flat", "relief", "none", "flat"], "what a user chooses stays"
 
 
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
@@ -163,11 +163,11 @@ def page():
     calls = []
     view = SimpleNamespace(index=4, state=SimpleNamespace(last=3))
     binding = CallRecorder(
-        calls, choices=SimpleNamespace(modes=None, log=True, dark=False, trails=True), modes=20,
+        calls, choices=SimpleNamespace(kind=MAP_KINDS[-1], modes=None, log=True, dark=False, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
     )  # fmt: skip
-    kind, microphone = SimpleNamespace(value=MAP_KINDS[-1]), SimpleNamespace(value=15)
-    shown = CallRecorder(calls, "map", microphone=microphone, kind=kind, kinds=MAP_KINDS)
+    microphone = SimpleNamespace(value=15)
+    shown = CallRecorder(calls, "map", microphone=microphone, kinds=MAP_KINDS)
     sweep = CallRecorder(calls, "sweep", summed=SimpleNamespace(value=3, max=20))
     viewer = SimpleNamespace(tabs=CallRecorder(calls, binding=binding, map=shown, sweep=sweep), binding=binding)
     return CallRecorder(calls, viewer=viewer), calls

@@ -244,7 +244,7 @@ def test_with_shift_or_without_a_map_a_microphone_stays_where_the_pointer_puts_i
     turn_until(lambda: np.allclose(session.view.state.positions[9], (0.7, 0.6)))
     viewer.tick(1e6)
     assert viewer.drop._drag is None and viewer.drop.tries == 0, "it does not roll"
-    viewer.binding.choose(shown=False)
+    viewer.binding.choose(kind="none")
     turn_until(lambda: viewer.snapshot.picture.floor is None)
     viewer.drop.move(9, (0.72, 0.61), 3, False)
     turn_until(lambda: np.allclose(session.view.state.positions[9], (0.72, 0.61)))
@@ -262,7 +262,7 @@ def test_a_drag_of_another_microphone_stays_one_drag_while_its_map_is_made(opene
 
 
 def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
-    page, turn_until = opened_with(page_of, monkeypatch, load_scene("ball3d"), modes=[9], volume=True)
+    page, turn_until = opened_with(page_of, monkeypatch, load_scene("ball3d"), modes=[9], kind="volume")
     viewer, session = page.viewer, page.viewer.run.session
     start = session.view.state.positions[9] + [0.1, -0.1, 0.0]
     viewer.drop.move(9, start[:2], 1, False)  # the pointer gives no height

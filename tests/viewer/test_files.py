@@ -32,9 +32,9 @@ from fdcal.viewer import prepare
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, fine_maps
 from fdcal.viewer.scene3d import SceneNodes
-from fdcal.viewer.state import VOLUME, Choices, PageState, initial_choices, kind_of
+from fdcal.viewer.state import Choices, PageState, initial_choices
 from fdcal.viewer.tabs import view as exports
-from fdcal.viewer.tabs.map import MapTab, caption
+from fdcal.viewer.tabs.map import LABELS, MapTab, caption
 from fdcal.viewer.tabs.view import caption as caption_of
 
 
@@ -193,7 +193,7 @@ def run():
 
 @pytest.fixture
 def space(run):
-    choices = Choices(microphone=MICROPHONE, modes=(1, 5, 30), volume=True)
+    choices = Choices(microphone=MICROPHONE, modes=(1, 5, 30), kind="volume", in_space=True)
     return PageState(run.session.view, microphone=MICROPHONE, run=run, choices=choices)
 
 
@@ -249,7 +249,7 @@ def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, sp
 
 
 def test_basins_in_space_are_a_layer_without_isosurfaces(worker, space):
-    drawn = first(worker, styled(space.map_request, basins=True), True)
+    drawn = first(worker, styled(space.map_request, kind="basins"), True)
     assert drawn.volume.bar is None and drawn.volume.surface is None and drawn.volume.minima
     assert drawn.floor.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
     picture = with_floor(with_volume(compose(space.run.scene, space.run.measurement), drawn.volume), drawn.floor)
@@ -259,13 +259,13 @@ def test_basins_in_space_are_a_layer_without_isosurfaces(worker, space):
 
 
 def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, work, controls):
-    assert VOLUME not in controls[0].map.kinds
+    assert "volume" not in controls[0].map.kinds
     binding = Binding(server.gui, run, 20)
     tab = MapTab(binding)
-    assert VOLUME in tab.kinds
-    set_by_client(tab.kind, VOLUME)
-    assert kind_of(binding.choices) == VOLUME and not tab.quantity.visible
-    choices = Choices(microphone=3, volume=True)
+    assert "volume" in tab.kinds
+    set_by_client(tab.kind, LABELS["volume"])
+    assert binding.choices.kind == "volume" and not tab.quantity.visible
+    choices = Choices(microphone=3, kind="volume", in_space=True)
     kept = initial_choices(
         dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
     )

@@ -66,7 +66,7 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
         ("step", 2, "sweep"),
         ("map.pick", 3),
         ("map.follow_solver", False),
-        ("map.show_as", "Relief"),
+        ("map.show_as", "relief"),
         ("map.choose_modes", (2, 4)),
         ("choose", ("log", False)),
         ("choose", ("trails", True)),
@@ -308,7 +308,7 @@ def set_oddly(viewer):
     main.run_bar.speed.value = 12
     main.run_bar.limit_rate(12)
     main.map.pick(4)
-    main.map.show_as("Relief")
+    main.map.show_as("relief")
     main.map.choose_modes((2, 3, 6))
     viewer.binding.choose(objective=True, order_offset=3, log=False, minima=False, trails=True, ellipses=True)
     main.view.darken(True)

@@ -28,10 +28,9 @@ from fdcal.model.settings import Search
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.session_view import Viewer
-from fdcal.viewer.state import BASINS, FLOOR, NOTHING, SHAPE
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import sweep as sweeping
-from fdcal.viewer.tabs.map import EQ7
+from fdcal.viewer.tabs.map import EQ7, LABELS
 from fdcal.viewer.tabs.sweep import DOWN
 
 
@@ -147,11 +146,11 @@ def test_the_legend_names_what_is_drawn(opened):
     set_by_client(viewer.tabs.view.trails, True)
     turn_until(lambda: "trail" in legend(viewer))
     viewer.tabs.map.choose_modes(range(1, 6))
-    viewer.tabs.map.show_as(SHAPE)  # the field of the last mode takes the place of the map
+    viewer.tabs.map.show_as("shape")  # the field of the last mode takes the place of the map
     turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "pressure of mode 5" in floor.bar.label)
     assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
     turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
-    set_by_client(viewer.tabs.map.kind, NOTHING)
+    set_by_client(viewer.tabs.map.kind, LABELS["none"])
     turn_until(lambda: "pressure" not in legend(viewer))
 
 
@@ -174,7 +173,7 @@ def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hi
     basins, _, search = expected(viewer, n, (1, 2, 3))
     wanted = basin_floor(basins, search, NO_MARKS, viewer.run.measurement.positions[n])
     assert np.mean(viewer.snapshot.picture.floor.rgb == wanted.rgb) > 0.999, "the same to rounding"
-    set_by_client(tab.kind, FLOOR)
+    set_by_client(tab.kind, LABELS["flat"])
     turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and floor.bar is not None)
     assert not viewer.snapshot.picture.areas and tab.scale.visible
 
@@ -211,7 +210,7 @@ def basins_shown(opened):
     """The page of `tiny` with basins of attraction, and a function that ticks it until something happens."""
     tab = opened[0].tabs.map
     set_by_client(tab.quantity, EQ7)
-    set_by_client(tab.kind, BASINS)
+    set_by_client(tab.kind, LABELS["basins"])
     return opened
 
 

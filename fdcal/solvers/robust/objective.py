@@ -35,7 +35,7 @@ from ...cost.likelihood import FieldModel, Terms, likelihood_terms, log_response
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
-from ...model.validation import Integers, Reals, frozen_array
+from ...model.validation import Integers, Reals, evenly_spaced, frozen_array
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from .arrivals import Arrivals, TakeSources, arrivals_of
 from .state import (
@@ -381,17 +381,12 @@ def with_unknowns(state: State, moved: Unknowns) -> State:
     return replace(state, positions=positions, gains=gains, model=model)
 
 
-def spaced(count: int, max_count: int) -> np.ndarray:
-    """At most so many numbers below `count`, evenly taken : int64."""
-    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(np.int64))
-
-
 def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray:
     """At most so many of the modes that the stage works with : int64; 0 for all."""
     count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
     if stage.lowest and len(problem.known):
         count = min(count, stage.modes)
-    return state.first - 1 + (spaced(count, max_count) if max_count else np.arange(count))
+    return state.first - 1 + (evenly_spaced(count, max_count) if max_count else np.arange(count))
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:

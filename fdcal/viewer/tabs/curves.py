@@ -11,6 +11,7 @@ import numpy as np
 from viser import uplot
 
 from ...graphics.picture import cost_title
+from ...model.validation import evenly_spaced
 from ..binding import Binding, Tab
 from ..plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
 from ..state import PageState
@@ -71,7 +72,7 @@ class CurvesTab(Tab):
         self._decades = self._decades if kept else range(0)
         self._states[kept:], self._rows[kept:] = history[kept:], [self._row(one) for one in history[kept:]]
         x, mean, largest, last, stage, restart = np.array(self._rows, float).T
-        drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
+        drawn = evenly_spaced(len(x), MAX_POINTS)
         restarted = np.flatnonzero(np.diff(restart)) + 1
         begins = np.setdiff1d(np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1, restarted)
         self.remark.content = REMARK if len(restarted) else REMARK + NO_RESTART

@@ -53,7 +53,7 @@ def _more_modes(shift: int, page, _) -> None:
 
 def _next_kind(page, _) -> None:
     tab = page.viewer.tabs.map
-    tab.show_as(tab.kinds[(tab.kinds.index(tab.kind.value) + 1) % len(tab.kinds)])
+    tab.show_as(tab.kinds[(tab.kinds.index(page.viewer.binding.choices.kind) + 1) % len(tab.kinds)])
 
 
 def _other_scale(page, _) -> None:

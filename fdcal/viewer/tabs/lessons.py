@@ -26,7 +26,7 @@ from ...session.sources import OpenRequest
 from ..html import complaint, error_message, whole
 from ..scene3d import Cameras
 from ..server.client_values import fits
-from ..state import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
+from ..state import Choices
 
 if TYPE_CHECKING:
     from ...session.session import SessionView
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from ..prepare import PreparedRun
     from ..session_view import Viewer
 
-KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
 OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
 
 
@@ -70,7 +69,7 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     effects: dict[str, Callable[[Any], object]] = {
         "microphone": tabs.map.pick,
         "follow": tabs.map.follow_solver,
-        "map": lambda name: tabs.map.show_as(KINDS[name]),
+        "map": tabs.map.show_as,
         "map_modes": lambda text: tabs.map.choose_modes(None if text == SOLVER else parse_modes(text, count)),
         "quantity": lambda name: tabs.binding.choose(objective=name == "objective"),
         "scale": lambda name: tabs.binding.choose(log=name == "log"),

@@ -11,23 +11,10 @@ from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import CostMap, count_label, modes_label, of_take
+from ..cost_maps import MAP_KINDS, CostMap, count_label, modes_label, of_take
 from ..prepare import PreparedRun
 from ..scheduler import Memo
-from ..state import (
-    BASINS,
-    FLOOR,
-    MAP_KINDS,
-    MAX_ORDER_OFFSET,
-    NOTHING,
-    RELIEF,
-    SHAPE,
-    VOLUME,
-    Choices,
-    PageState,
-    has_volume,
-    kind_of,
-)
+from ..state import MAX_ORDER_OFFSET, Choices, PageState, has_volume
 
 
 def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
@@ -78,6 +65,10 @@ LINEAR, LOG = "Linear", "Logarithmic"
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
 ALL_TAKES = "All takes"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
+LABELS = {
+    "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last mode)", "basins": "Basins of attraction",
+    "volume": "Isosurfaces (3-D)", "none": "No map",
+}  # fmt: skip
 
 
 class MapTab(Tab):
@@ -91,14 +82,18 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
         self._caption, self._risen = Memo(), ""  # and the kind of map that `rise` has chosen
-        self.kinds = tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(binding.measurement))
+        self.kinds = tuple(kind for kind in MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
+        labels = {LABELS[kind]: kind for kind in self.kinds}
         choices, row, choose = binding.choices, binding.row, binding.choose
 
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
-            return lambda choices: self._possible and kind_of(choices) in kinds
+            return lambda choices: self._possible and choices.kind in kinds
 
-        mapped, of_cost = of_kind(FLOOR, RELIEF, SHAPE, BASINS, VOLUME), of_kind(FLOOR, RELIEF, BASINS, VOLUME)
-        self.kind = binding.dropdown("Show", self.kinds, kind_of, self.show_as, visible=self._possible)
+        mapped, of_cost = of_kind(*MAP_KINDS[:-1]), of_kind("flat", "relief", "basins", "volume")
+        self.kind = binding.dropdown(
+            "Show", tuple(labels), lambda choices: LABELS[choices.kind], lambda label: self.show_as(labels[label]),
+            visible=self._possible,
+        )  # fmt: skip
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
             command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
@@ -140,7 +135,7 @@ class MapTab(Tab):
             )  # fmt: skip
             self.scale = binding.dropdown(
                 "Scale", (LOG, LINEAR), lambda choices: LOG if choices.log else LINEAR,
-                lambda value: choose(log=value == LOG), visible=of_kind(FLOOR, RELIEF, VOLUME),
+                lambda value: choose(log=value == LOG), visible=of_kind("flat", "relief", "volume"),
             )  # fmt: skip
             self.minima = binding.checkbox(
                 "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=mapped,
@@ -177,23 +172,23 @@ class MapTab(Tab):
 
     def show_as(self, kind: str) -> None:
         """Show one of `kinds`; a flat map in place of one that there cannot be."""
-        kind = kind if kind in self.kinds else FLOOR
-        # The basins of an array in space are those of descent in three dimensions, on a slice.
-        in_space = kind == VOLUME or (kind == BASINS and has_volume(self._binding.measurement))
-        self._binding.choose(
-            shown=kind != NOTHING, relief=kind == RELIEF, shape=kind == SHAPE, basins=kind == BASINS, volume=in_space
-        )
+        self._binding.choose(kind=kind if kind in self.kinds else "flat")
+
+    def show_some(self) -> None:
+        """Show a flat map where there is none."""
+        if self._binding.choices.kind == "none":
+            self.show_as("flat")
 
     def rise(self) -> None:
         """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
-        if self.kind.value == FLOOR:
-            self._risen = VOLUME if VOLUME in self.kinds else RELIEF
+        if self._binding.choices.kind == "flat":
+            self._risen = "volume" if "volume" in self.kinds else "relief"
             self.show_as(self._risen)
 
     def lie(self) -> None:
         """Show the flat map again after `rise`, unless another kind was chosen since."""
-        if self.kind.value == self._risen:
-            self.show_as(FLOOR)
+        if self._binding.choices.kind == self._risen:
+            self.show_as("flat")
         self._risen = ""
 
     def show(self, tick: PageState) -> None:
@@ -202,6 +197,6 @@ class MapTab(Tab):
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
-        reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map"
+        reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.kind != "none" else "no map"
         words = drawn and self._caption(lambda: caption(drawn, run.measurement, orders_text(run, drawn)), drawn)
         self.caption.content = html.complaint(choices.modes_error) + (words or html.remark(tick.reason or reason))

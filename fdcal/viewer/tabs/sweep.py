@@ -30,7 +30,7 @@ from ..cost_maps import (
 )
 from ..plots import BLUE, RED, Plot, dots
 from ..scheduler import Memo
-from ..state import FLOOR, PageState
+from ..state import PageState
 
 
 @dataclass(frozen=True)
@@ -155,8 +155,7 @@ class SweepTab(Tab):
             self.pause()
             return
         sequence = self._sequence()
-        if not self._binding.choices.shown:
-            self._map.show_as(FLOOR)
+        self._map.show_some()
         after = first_of(sequence, self._binding.choices.modes or ())  # from the beginning after the last map
         self._revision, self._playing = NEXT, Playback(after % len(sequence))
 
@@ -168,8 +167,7 @@ class SweepTab(Tab):
         """Pause, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone = self.alone if alone is None else alone
         self.pause()
-        if not self._binding.choices.shown:
-            self._map.show_as(FLOOR)
+        self._map.show_some()
         sequence = self._sequence()
         count = min(count, len(sequence))
         self._map.choose_modes(sorted(sequence[count - 1 if self._alone else 0 : count]))
@@ -215,10 +213,10 @@ class SweepTab(Tab):
         While it plays, the map of the modes before stays until the next one is there.
         """
         sweep, style, found, swept = self._sweep, wanted.style, drawn, None
-        if sweep is not None and not (style.relief or style.shape or style.volume):
+        if sweep is not None and style.kind in ("flat", "basins") and not style.volume:
             of = sweep.request
             same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
-            if same and (style.log, style.basins) == (of.style.log, of.style.basins):
+            if same and (style.log, style.kind) == (of.style.log, of.style.kind):
                 swept = sweep.frame(first_of(of.modes, wanted.modes))
         if swept is not None:
 
@@ -262,7 +260,7 @@ class SweepTab(Tab):
         elif self._revision != revision and not self.playing:
             self._wanted = self.worker.requested = None  # its curve is of another state
         if (self.playing or self._revision == revision) and not state.view.running:
-            style = MapStyle(log=choices.log, basins=choices.basins)
+            style = MapStyle("basins" if choices.kind == "basins" else "flat", choices.log)
             self._wanted = CostMapRequest(
                 revision, state.microphone, self._sequence(), choices.map_order, True, style, False, state.view.state,
                 None, choices.take,

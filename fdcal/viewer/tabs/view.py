@@ -21,7 +21,7 @@ from ...graphics.landscape import landscape_bytes
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...model.libraries import call
-from ...model.validation import InputError, require_choice
+from ...model.validation import InputError, evenly_spaced, require_choice
 from ...session import session_file
 from .. import html
 from ..binding import Binding, Tab
@@ -114,7 +114,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading}
     drawn["quantity"] = map_label(snapshot.run, request).partition(" (")[0]
-    kept = np.unique(np.linspace(0, len(request.modes) - 1, min(len(request.modes), MAX_PANELS)).round().astype(int))
+    kept = evenly_spaced(len(request.modes), MAX_PANELS)
     found = fine_maps(snapshot.run, request, kept=kept.tolist())
     if found is None:
         raise ValueError("maps without cancellation must be complete")
