@@ -89,7 +89,7 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     lesson = load_lesson(tmp_path / "1_many_minima.toml")
     page.lessons._lessons[lesson.title] = lesson
     command(page, "open=lesson=1_many_minima&part=2")
-    turn_until(lambda: page.viewer.binding.choices.shape)
+    turn_until(lambda: page.viewer.binding.choices.kind == "shape")
     assert page.viewer.binding.choices.microphone == 9, "which the first step sets"
     turn_until(lambda: address_bar(page) == "lesson=1_many_minima&part=2")
     client = Client()
