@@ -75,7 +75,7 @@ class Study:
         for key, values in self.axes.items():
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'
-                raise InputError(f"axes.{shown(key)} is no list of values", remedy, key=f"axes.{key}")
+                raise InputError(f"axes.{shown(key)} is not a list of values", remedy, key=f"axes.{key}")
             kinds = {type(value) for value in values}
             if len(kinds) > 1 and kinds != {int, float}:
                 problem = f"axes.{shown(key)} mixes numbers with texts or lists"

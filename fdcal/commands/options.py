@@ -111,18 +111,18 @@ def _band(value: str) -> tuple[float, float]:
 
 whole_numbers = ValueOf(
     lambda value: [int(part) for part in value.split(",")],
-    "is no list of whole numbers; write them with commas between, as 1,5,9",
+    "is not a list of whole numbers; write them with commas between, as 1,5,9",
 )
 numbers = ValueOf(
     lambda value: [float(part) for part in value.split(",")],
-    "is no list of numbers; write them with commas between, as 1,5,9",
+    "is not a list of numbers; write them with commas between, as 1,5,9",
 )
-microphone_names = ValueOf(_names, "is no list of microphones; write them with commas between, as 3,17")
+microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
 distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
-room_size = ValueOf(_room_size, "is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
+room_size = ValueOf(_room_size, "is not the size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
 picture_size = ValueOf(
     _picture_size,
-    f"is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
+    f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
 )
 noise_level = ValueOf(
     _noise_level,
@@ -133,10 +133,10 @@ gain_sigma = ValueOf(  # dB and degrees
     "must be decibels and degrees with their units, as 1dB,5deg",
 )
 length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
-band = ValueOf(_band, "is no band; write LO:HI in hertz, as 20:300")
+band = ValueOf(_band, "is not a band; write LO:HI in hertz, as 20:300")
 duration = ValueOf(_with_unit("ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s")
 source_number = ValueOf(
-    lambda value: value if value == "all" else int(value), "is no number of a source; write one from 0, or all"
+    lambda value: value if value == "all" else int(value), "is not the number of a source; write one from 0, or all"
 )
 decibels = ValueOf(_with_unit("(?i:dB)"), "must be decibels with their unit, as 1dB")
 percentage = ValueOf(lambda value: _with_unit("%")(value) / 100, "must be a number of percent with its sign, as 0.3%")
@@ -148,7 +148,7 @@ class Number(click.types.FloatParamType):
     def convert(self, value, param, ctx) -> float:
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
-            self.fail(f'"{value}" is no finite number', param, ctx)
+            self.fail(f'"{value}" is not a finite number', param, ctx)
         return number
 
 

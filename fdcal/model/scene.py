@@ -166,7 +166,7 @@ class Scene:
 def no_rectangle(scene: Scene) -> str:
     """Return why solver "room" cannot be used for the room of `scene`; "" if it can."""
     if scene.room.size is None:
-        return "is no rectangle with room.size"
+        return "is not a rectangle with room.size"
     if scene.source is not None and len(scene.source.places) > 1:
         return f"has a source at {len(scene.source.places)} places, and the solver seeks one"
     return 'has walls = "pressure-release"' if scene.room.walls == "pressure-release" else ""

@@ -159,7 +159,7 @@ MAX_DOTS = 500  # in a key: the time of the parser grows with the square of the 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
     """Return the content of a regular file of at most `max_bytes`; `what`: kind of file, as "scene", for messages."""
     if "\0" in str(path):
-        raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
+        raise InputError(f"{shown(str(path))} is not the name of a file: it holds a NUL character", "correct it")
     try:
         require_regular(path)
         with open(path, "rb") as file:
@@ -251,4 +251,4 @@ def require_regular(path: str | Path) -> None:
     """Raise InputError for a device or a pipe, whose reading might never end; OSError if the file is missing."""
     kind = os.stat(path).st_mode
     if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-        raise InputError(f"{path} is no regular file", "give a file")
+        raise InputError(f"{path} is not a regular file", "give a file")

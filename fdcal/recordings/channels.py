@@ -266,7 +266,7 @@ def select_subset(recording: Recording, text: str, seed: int) -> Recording:
             first, colon, end = part.partition(":")
             numbers += range(int(first), min(int(end), recording.count + 1)) if colon else [int(part)]
     except ValueError:
-        problem = f'subset = "{text}" is no number and no list'
+        problem = f'subset = "{text}" is neither a number nor a list'
         raise InputError(problem, "write <subset> as 200, or 0,3,8:12", key="subset", value=text) from None
     if len(numbers) == 1 and "," not in text and ":" not in text:
         number = numbers[0]

@@ -142,7 +142,7 @@ def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
         recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)
         return measurement_of_takes([recording], ImportOptions(**options))[0]
     if not isinstance(data, pyfar.FrequencyData):
-        raise InputError(f"{type(data).__name__} is no FrequencyData and no Signal of pyfar", "give one of them")
+        raise InputError(f"{type(data).__name__} is neither a FrequencyData nor a Signal of pyfar", "give one of them")
     if positions is not None and options.get("dimension", 3) == 2:
         if np.ptp(positions[:, 2]) > FLAT:
             raise InputError("a field of two dimensions needs microphones of one height", "leave out <dimension>")

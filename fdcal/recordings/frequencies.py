@@ -216,7 +216,7 @@ def frequency_band(
         try:
             low, high = (float(part) for part in options.frequencies.split(":"))
         except ValueError:
-            problem = f'frequencies = "{options.frequencies}" is no band'
+            problem = f'frequencies = "{options.frequencies}" is not a band'
             raise refused_option(options, "frequencies", problem, "write auto or LO:HI, as 20:300") from None
     if found.limit is not None and found.limit <= low and not found.estimated:
         problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
@@ -228,6 +228,6 @@ def frequency_band(
         remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
         raise refused_option(options, "frequencies", problem, remedy)
     if not 0 < low < high <= top:
-        problem = f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold"
+        problem = f"frequencies = {low:g}:{high:g} is not a band that {recording.path} can hold"
         raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")
     return low, high

@@ -326,7 +326,7 @@ class ImportOptions:
         check(self)
         if isinstance(self.source, str) and self.source != "all":
             raise refused_option(
-                self, "source", f'source = "{self.source}" is no source', "use a number from 0, or all"
+                self, "source", f'source = "{self.source}" is not a source', "use a number from 0, or all"
             )
         if self.split is not None and (self.kind == "impulse" or self.reference):
             what = "kind impulse" if self.kind == "impulse" else "a reference"

@@ -80,10 +80,10 @@ def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:
     try:
         low, high = (float(part) for part in options.windows.split(":"))
     except ValueError:
-        problem = f'windows = "{options.windows}" is no band'
+        problem = f'windows = "{options.windows}" is not a band'
         raise refused_option(options, "windows", problem, "write auto, none or LO:HI, as 100:4000") from None
     if not 0 < low < high <= top:
-        problem = f"windows = {low:g}:{high:g} is no band that {recording.path} can hold"
+        problem = f"windows = {low:g}:{high:g} is not a band that {recording.path} can hold"
         raise refused_option(options, "windows", problem, f"use 0 < LO < HI <= {top:g} Hz")
     return low, high
 

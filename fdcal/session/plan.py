@@ -240,7 +240,7 @@ class PlanRequest:
         low, high = self.band or (min(PLAN_LIMITS.low, self.f_max / 10), PLAN_LIMITS.high * self.f_max)
         if not 0 < low < high:
             remedy = "give <frequencies> as LO:HI with LO below HI"
-            raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
+            raise InputError(f"{low:g} to {high:g} Hz is not a band", remedy, key="frequencies")
         if low >= self.f_max:
             problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
             remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width

@@ -158,7 +158,7 @@ REFUSED = [
     (["--frequencies", "100,-3"], "above zero"),
     (["--frequencies", "low"], "no list of numbers"),
     (["--step", "0"], "above zero"),
-    (["--step", "nan"], "is no finite number"),
+    (["--step", "nan"], "is not a finite number"),
     (["--step", "1e-5"], "use a larger one"),
     (["--result", "other.json"], "use the result of this measurement"),
     (["-o", "map.xlsx"], "must end in"),

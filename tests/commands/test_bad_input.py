@@ -65,7 +65,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["calibrate", "tiny", "--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
         (["calibrate", "tiny", "--temperature", "21"], ["tiny holds no recordings; leave out --temperature"]),
         (["plan", "nothing"], ['"nothing" names no array', '"circle 16 0.2"']),
-        (["plan", LAYOUT, "--frequencies", "all"], ["is no band; write LO:HI"]),
+        (["plan", LAYOUT, "--frequencies", "all"], ["is not a band; write LO:HI"]),
         (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "as 7x6x2.7"]),
         (["plan", LAYOUT, "--gain-sigma", "1"], ["'--gain-sigma'", "as 1dB"]),
         (["plan", LAYOUT, "-o", "plan.txt"], ["plan.txt", "write plan.json"]),
@@ -151,7 +151,7 @@ def test_every_option_of_one_number_refuses_nan_and_infinity():
         for option in (one for one in command.params if isinstance(one.type, click.types.FloatParamType)):
             seen += 1
             for value in ("nan", "inf", "-inf"):
-                with pytest.raises(click.BadParameter, match=r"is no finite number|is not in the range"):
+                with pytest.raises(click.BadParameter, match=r"is not a finite number|is not in the range"):
                     option.type.convert(value, option, None)
     assert seen > 10
 

@@ -384,7 +384,7 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
 @pytest.mark.parametrize(
     ("options", "words", "code"),
     [
-        (["--frequencies", "300:20"], "is no band", 2),
+        (["--frequencies", "300:20"], "is not a band", 2),
         (["--frequencies", "low"], "write auto or LO:HI", 2),
         (["--kind", "music"], "'auto', 'impulse', 'stationary'", 2),
         (["--temperature", "300"], "degrees Celsius", 2),

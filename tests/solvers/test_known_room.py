@@ -142,7 +142,7 @@ def test_a_bad_room_is_refused_in_one_line(calibrate, options, words):
 
 def test_a_scene_that_is_no_rectangle_is_refused():
     inputs = CalibrationInput("lshape", load_scene("lshape"), measurement(), load_scene("lshape").solver, 0)
-    with pytest.raises(InputError, match="is no rectangle"):
+    with pytest.raises(InputError, match="is not a rectangle"):
         with_settings(inputs, solver="room", room=(6.0, 5.0))
 
 

@@ -164,17 +164,15 @@ def _in_memory(path: Path, arrays: Arrays, rate: float | None) -> Recording:
     return recording_in(path, arrays, rate, lambda name: lambda: contextlib.nullcontext(arrays[name]))
 
 
-def _read_npz(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    if "pressures" in keys_of(path):
+def _read_arrays(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    """Return the recording in a file of NumPy or MATLAB, whose arrays are read into memory, or mapped (.npy)."""
+    suffix = path.suffix.lower()
+    if suffix == ".npz" and "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
-    return _in_memory(path, load_archive(path, lambda key: True), rate)
-
-
-def _read_npy(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    return _in_memory(path, {path.stem: _mapped(path)}, rate)
-
-
-def _read_mat(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    if suffix == ".npz":
+        return _in_memory(path, load_archive(path, lambda key: True), rate)
+    if suffix == ".npy":
+        return _in_memory(path, {path.stem: _mapped(path)}, rate)
     with open(path, "rb") as file:
         if file.read(19) == b"MATLAB 7.3 MAT-file":
             return isolated(_read_hdf5)(path, source, rate)
@@ -206,7 +204,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
         return False
 
     wanted = "give one line for each time, one column for each channel"
-    with damaged(f"{path} is no table of samples", wanted):
+    with damaged(f"{path} is not a table of samples", wanted):
         lines = [one for one in path.read_text(encoding="utf-8-sig").splitlines() if one.strip() and one[0] not in "#%"]
         delimiter = next((one for one in ";\t," if one in "".join(lines[-1:])), None)
         if delimiter != ",":
@@ -216,7 +214,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
         if is_header(head):
             raise InputError(f"{path} is a table of positions", "give it as <positions>", key="positions")
         if begins == len(lines):
-            raise InputError(f"{path} is no table of samples", wanted)
+            raise InputError(f"{path} is not a table of samples", wanted)
         table = np.loadtxt(lines[begins:], delimiter=delimiter, ndmin=2)
     first, wide = table[:, 0], table.shape[1] > 1
     counting = wide and np.array_equal(first - first[0], np.arange(len(first)))
@@ -308,9 +306,7 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
 
 
 FORMATS = (
-    Format((".npz",), read=_read_npz),
-    Format((".npy",), read=_read_npy),
-    Format((".mat",), read=_read_mat),
+    Format((".npz", ".npy", ".mat"), read=_read_arrays),
     Format((".csv", ".tsv", ".txt"), read=_read_table),
     Format(
         (),

@@ -366,7 +366,7 @@ def _of_rows(
         row += [""] * (len(head) - len(row))
         for axis, cell in ((head[c], row[c]) for c in columns):
             if not is_number(cell):
-                raise _question(f'{where} {number}: {axis} = "{shown(cell)}" is no number', "give a number", cell)
+                raise _question(f'{where} {number}: {axis} = "{shown(cell)}" is not a number', "give a number", cell)
     cells = list(zip(*(row[: len(head)] for row in rows.values()), strict=True))  # of each column
     written = "".join(cell for c in columns for cell in cells[c])
     if "," in written and "." in written:
