@@ -156,7 +156,7 @@ OTHER = {
 REFUSED = [
     (["--frequencies", "20"], "nothing was measured there"),
     (["--frequencies", "100,-3"], "above zero"),
-    (["--frequencies", "low"], "no list of numbers"),
+    (["--frequencies", "low"], "not a list of numbers"),
     (["--step", "0"], "above zero"),
     (["--step", "nan"], "is not a finite number"),
     (["--step", "1e-5"], "use a larger one"),

@@ -80,10 +80,10 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
 )
 def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(name, read, tmp_path):
     (tmp_path / name).symlink_to("/dev/zero")
-    assert "no regular file" in refusal(read, tmp_path / name)
+    assert "not a regular file" in refusal(read, tmp_path / name)
     (tmp_path / name).unlink()
     os.mkfifo(tmp_path / name)
-    assert "no regular file" in refusal(read, tmp_path / name)
+    assert "not a regular file" in refusal(read, tmp_path / name)
     (tmp_path / name).unlink()
     (tmp_path / name).symlink_to(tmp_path / name)
     with pytest.raises(StorageError):

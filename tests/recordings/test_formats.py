@@ -291,7 +291,7 @@ def too_long(path: Path) -> None:
     [
         ("nothing.wav", lambda path: None, "No such file"),
         ("a.doc", lambda path: path.write_text("x"), "no format that can be read; give "),
-        ("a.txt", lambda path: path.write_text("x"), "no table of samples; give one line for each time"),
+        ("a.txt", lambda path: path.write_text("x"), "not a table of samples; give one line for each time"),
         ("a.csv", lambda path: path.write_text("name,x,y\n0,1,2\n"), "a table of positions; give it as positions"),
         ("a.npy", lambda path: np.save(path, SAMPLES),
          'no sampling rate beside "a" (5 channels, 400 samples); give rate'),

@@ -271,7 +271,7 @@ def test_subsets_are_taken():
     [
         (lambda r: select_subset(r, "19", 0), "cannot be drawn from 18"),
         (lambda r: select_subset(r, "1,18", 0), "0 to 17"),
-        (lambda r: select_subset(r, "a", 0), "no number and no list"),
+        (lambda r: select_subset(r, "a", 0), "neither a number nor a list"),
         (lambda r: exclude_channels(r, "18", np.zeros(0, int)), 'no channel "18"'),
         (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
         (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),

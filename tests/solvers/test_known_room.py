@@ -121,8 +121,8 @@ def test_modes_chosen_by_the_user_must_be_enough():
     ("options", "words"),
     [
         (["--room", "5.2x5.2"], r"known microphone 7.*outside"),
-        (["--room", "6"], "no size of a room"),
-        (["--room", "6xfive"], "no size of a room"),
+        (["--room", "6"], "is not the size of a room"),
+        (["--room", "6xfive"], "is not the size of a room"),
         (["--room", "6x-5"], "above zero"),
         (["--room", "nanx5"], "above zero"),
         (["--room", "6x5x3"], "the sound field has 2 dimensions"),
