@@ -5,7 +5,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-import pyfar
 import pytest
 from fields import measured
 
@@ -177,6 +176,8 @@ def test_arrays_are_taken_as_they_are():
 
 
 def test_frequency_data_of_pyfar_are_taken_as_they_are():
+    import pyfar  # takes seconds, and not in each process of the tests
+
     data = pyfar.FrequencyData(PRESSURES.T, FREQUENCIES)
     coordinates = pyfar.Coordinates(*PLACES.T)
     m = fdcal.Measurement.from_pyfar(data, coordinates, known=[0, 1, 2], sound_speed=340.0)
@@ -192,6 +193,8 @@ def test_a_signal_of_pyfar_is_imported_as_a_recording_is(tmp_path):
     rate, t = 2000, np.arange(4000) / 2000
     tones = np.array([60.0, 101.0, 143.0, 187.0])
     ringing = RNG.normal(size=(6, 4)) @ (np.exp(-6 * t) * np.cos(2 * np.pi * tones[:, None] * t))
+    import pyfar
+
     m = fdcal.Measurement.from_pyfar(pyfar.Signal(ringing, rate), array_radius=0.3, kind="impulse")
     assert m.count == 6
     for tone in tones:
