@@ -309,7 +309,8 @@ class Session:
 
     `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
     history begins, oldest first, the start alone unless given; `index`: which of them is shown; `reference_cost`:
-    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.eq7`).
+    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.eq7`). `notify`: called after a change that
+    is not a step of a run.
     """
 
     def __init__(
@@ -325,7 +326,7 @@ class Session:
     ):
         self._commands: queue.SimpleQueue[tuple | None] = queue.SimpleQueue()  # None ends the thread
         self._yield_time, self._yield_from, self._yield_to = yield_time, 0.0, 0.0  # s, readings of `time.monotonic`
-        self._changed = threading.Condition()
+        self._changed, self.notify = threading.Condition(), lambda: None
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
         self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
@@ -378,6 +379,8 @@ class Session:
     def _notify(self) -> None:
         with self._changed:
             self._changed.notify_all()
+        if not self.view.running:  # a run is looked at now and then
+            self.notify()
 
     def _serve(self) -> None:
         while True:

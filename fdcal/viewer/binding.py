@@ -119,6 +119,7 @@ class Binding:
             except RuntimeError:
                 if not self.closed:  # a session that is being replaced has no controls any more
                     raise
+            self._wake()
 
         async def respond(event) -> None:
             if event.client is not None:

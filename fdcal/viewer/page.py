@@ -34,6 +34,7 @@ from .tabs.lessons import LessonsTab
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
 RATE = 25.0  # looks per second at whether anything has changed, and updates of the screen then
+IDLE_RATE = 5.0  # likewise, once nothing has changed for a while; what users and the solver do ends the waiting
 MAX_RATE = 50.0  # updates per second while the user waits for something
 SETTLING = 5.0  # s for which the screen is updated after the last change, longer than any delayed update
 CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
@@ -132,7 +133,7 @@ class Page:
                 self.tick(now)
             elif now - self._checked > CANVAS_INTERVAL:
                 self._follow_canvases(now)
-            next_look = max(next_look + 1 / RATE, time.perf_counter())
+            next_look = max(next_look + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
             if self.wake.wait(next_look - time.perf_counter()):
                 next_look = now + 1 / MAX_RATE
                 time.sleep(max(next_look - time.perf_counter(), 0.0))

@@ -232,7 +232,7 @@ class Viewer:
             nodes.show(picture)
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
             self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
-            binding.threads.session = run.session
+            binding.threads.session, run.session.notify = run.session, wake
         except BaseException:
             self.binding.threads.close(0.0)
             raise
