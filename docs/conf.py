@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -96,12 +97,15 @@ class Replay(Directive):
 
 
 def replays(app, error) -> None:
-    """Write the replays beside the pages that show them."""
+    """Write the replays beside the pages that show them, and for a web server (`-t site`) the gallery, too."""
     if error is None and app.builder.format == "html":
         sys.path.insert(0, str(Path(__file__).parent))
         from replays import write
 
         write(Path(app.outdir) / "replays")
+        if "site" in app.tags:
+            gallery = ["gallery", "-o", str(Path(app.outdir) / "gallery"), "--force"]
+            subprocess.run([sys.executable, "-m", "fdcal", *gallery], check=True)
 
 
 def setup(app) -> None:
