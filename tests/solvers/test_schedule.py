@@ -1,4 +1,4 @@
-"""Laws of the table of transitions, and of when restarts agree."""
+"""Laws of what follows a stage, and of when restarts agree."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,43 +10,11 @@ from solving import run_from
 
 from fdcal import solvers
 from fdcal.model.settings import SolverSettings
+from fdcal.solvers.robust import objective as objectives
 from fdcal.solvers.robust import schedule
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.schedule import TRANSITIONS, begin_final, likeliest, optima_agree
+from fdcal.solvers.robust.schedule import StageEnd, after_stage, begin_final, likeliest, optima_agree
 from fdcal.solvers.robust.state import STAGES, LocalOptimum
-
-PLACES = [*dict.fromkeys(stage.name for stage in STAGES), "restart"]
-ALWAYS = next(when for place, when, _ in TRANSITIONS if place == "deformation")
-
-
-def rows_of(place: str) -> list[int]:
-    """The rows that may apply at `place`, in their order, up to the one that always does."""
-    rows = [i for i, (where, _, _) in enumerate(TRANSITIONS) if where in ("any", place)]
-    return rows[: 1 + next(n for n, i in enumerate(rows) if TRANSITIONS[i][1] is ALWAYS)]
-
-
-@pytest.mark.parametrize("place", PLACES)
-def test_every_stage_has_a_last_row_of_its_own_that_always_applies(place):
-    where, when, _ = TRANSITIONS[rows_of(place)[-1]]
-    assert where == place and when is ALWAYS and ALWAYS(None) is True
-
-
-def test_every_row_is_reachable():
-    """At some place, where no row before has its condition."""
-    reached = set()
-    for rows in map(rows_of, PLACES):
-        conditions = [TRANSITIONS[i][1] for i in rows]
-        reached |= {i for n, i in enumerate(rows) if conditions[n] not in conditions[:n]}
-    assert reached == set(range(len(TRANSITIONS)))
-
-
-def test_what_a_stage_cannot_go_on_from_comes_before_what_it_would_do_next():
-    """A singular covariance ends a restart, or the run; modes chosen by hand end the run, whatever else holds."""
-    for place in PLACES[:-1]:
-        conditions = [TRANSITIONS[i][1].__name__ for i in rows_of(place)]
-        first = conditions.index("_singular")
-        assert first == 0 and conditions.index("_modes_chosen") == (2 if place == "final" else 1)
-
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
 
@@ -98,7 +66,7 @@ def test_a_doubtful_restart_is_followed_by_another_until_two_agree(run):
     assert not any(optima_agree(problem, state) for state in before)
 
 
-def test_the_order_of_the_stages_is_that_of_the_table(run):
+def test_the_stages_follow_in_their_order(run):
     """Deformations of growing degree, then every microphone, then the gains; the last stage once, at the end."""
     _, states = run
     stages = [(state.progress.restart, state.progress.stage) for state in states]
@@ -118,3 +86,19 @@ def test_without_noise_an_array_with_a_channel_that_fits_nowhere_explains_nothin
     loud = np.where(np.arange(24) == 3, noisier, 1.0)
     model = replace(states[-1].model, directional=True, noise_fraction=1e-8, channel_noise=loud)
     assert schedule.explains_all(quiet, replace(states[-1], model=model)) == explained
+
+
+@pytest.mark.parametrize("stage", range(len(STAGES)))
+def test_a_singular_covariance_ends_the_restart_and_chosen_modes_end_the_run(run, stage):
+    problem, states = run
+    reached = next(state for state in states if state.progress.stage == stage)
+    objective = objectives.objective_of(problem, reached, objectives.used_modes(problem, reached))
+    singular = objectives.ChannelStep(objectives.unknowns_of(reached), np.inf, 0.0, 1e-3, 0.0, np.arange(0))
+    after = after_stage(StageEnd(problem, reached, objective, singular, False))
+    if STAGES[stage].name == "final":
+        assert after.finished and not after.converged
+    else:
+        assert len(after.optima) == len(reached.optima) + 1 and after.optima[-1].score == np.inf
+        terms = objective.evaluate(singular.unknowns).terms
+        chosen = StageEnd(problem, replace(reached, automatic=False), objective, replace(singular, terms=terms), True)
+        assert after_stage(chosen).finished and after_stage(chosen).converged

@@ -1,11 +1,12 @@
 """Positions, channel gains and channel noise together: Levenberg-Marquardt on one likelihood, in stages.
 
-    step     one damped Gauss-Newton step of everything that is free, then one round of the fixed point of the field's
-             power, the channels' noise and the spreads of the gains
-    stage    one of `state.STAGES`: deformations of the whole array, every microphone, then the gains as well
-    restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest of several optima is refined
+    step     one damped Gauss-Newton step of all free unknowns, then one iteration of the fixed point for the power of
+             the field, the noise of the channels and the spreads of the gains
+    stage    one of `state.STAGES`: deformations of the whole array, then every microphone, then also the gains
+    restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest optimum is then refined
 
-The likelihood: `fdcal.cost.likelihood`. What a stage minimises: `objective`. What follows a stage: `schedule`.
+`fdcal.cost.likelihood` computes the likelihood, `objective` adds priors and takes steps, and `schedule` decides what
+follows a stage.
 """
 
 from dataclasses import replace
@@ -22,7 +23,7 @@ from ..starts import require_gauge
 from . import noise
 from . import objective as objectives
 from .result import result
-from .schedule import Turn, begin, begin_stage, following
+from .schedule import StageEnd, after_stage, begin, begin_stage
 from .state import DIRECTION_UPDATES, FREE, STAGES, State
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
@@ -48,16 +49,16 @@ def require_solvable(problem: Problem, settings: SolverSettings) -> None:
     require_gauge(problem)
 
 
-# longest move of a microphone in one step, over the shortest wavelength; without it the error of a row in space grows
-# from 1.3 to 2.1 mm
+# longest move of a microphone in one step, in shortest wavelengths; without it the error of a linear array in space
+# grows from 1.3 to 2.1 mm
 MAX_STEP = 0.125
-# RMS move in one step over one sigma of the coordinates, at which a stage ends that learns the directions of a field
-# in space: their power changes long after it moves the positions. Four takes of 32 microphones end 0.1 to 0.5 mm from
-# where all steps would lead, at an error of 3 to 4 mm, with 0.1 0.3 to 0.7 mm. In the plane directions cost little,
-# and an array whose size is hardly determined then goes from 14 to 17 mm
+# RMS move in one step, in sigmas of the coordinates, at which a stage ends that learns the directions of a field in
+# space: the directions go on changing long after the positions do. Four takes of 32 microphones end 0.1 to 0.5 mm from
+# the limit of many steps, with an error of 3 to 4 mm. The rule does not serve fields in the plane, where directions
+# cost little time: there an array whose size is hardly determined would go from 14 to 17 mm.
 TOLERANCE_SIGMAS = 0.05
-# nats, a stage goes on while the cost falls by more, since the directions are still being learned; where it ends
-# sooner an array in the plane whose size is hardly determined goes from 14 to 17 mm
+# decrease of the cost, nats, above which a stage that learns directions goes on; without this condition the error of
+# an array in the plane whose size is hardly determined grows from 14 to 17 mm
 LEARNED_NATS = 0.5
 
 
@@ -97,7 +98,7 @@ def step(problem: Problem, state: State) -> State:
             ended = ended and progress.steps > 0 and (within_sigmas or state.cost - moved.cost < LEARNED_NATS)
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
         return moved
-    after = following(Turn(problem, stage.name, moved, objective, trial, ended and trial.terms is not None))
+    after = after_stage(StageEnd(problem, moved, objective, trial, ended and trial.terms is not None))
     return replace(after, converged=objectives.is_converged(problem, after)) if after.finished else after
 
 
@@ -112,10 +113,11 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
-    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains constrained.
+    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, at the present gains.
 
-    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. Beside
-    short windows the sum over the modes in use is what the last stage minimises: each has its part of their term.
+    It is (modes, ny, nx) float64, dimensionless; in space the lattice is the horizontal layer at the height of the
+    microphone. Where short windows count, each mode holds an equal part of their term, so that the sum over the modes
+    in use is what the last stage minimises.
     """
     from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 

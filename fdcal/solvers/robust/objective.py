@@ -10,17 +10,17 @@ Gains and given positions have Student t priors of NU degrees of freedom,
 
     -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
 
-e the deviation, d its number of components. One wrong entry is outvoted, and a small sigma costs a matched array
-nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions
-that are given exactly have no prior: their coordinates are not free (`free_directions`).
+where e is the deviation and d its number of components. Their long tails let the other entries overrule a wrong one.
+In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions that are
+given exactly have no prior: their coordinates are not free (`free_directions`).
 
-After the objective: one Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from the
-minimum, by the quadratic of the objective there.
+The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic
+approximation how far the minimum is:
 
     H d = -g,   sigma_i^2 = (H^-1)_ii
 
-g and H belong to the whole objective, priors included. A run has converged when the Newton step d that is left is a
-small part of sigma: a limit in metres or nats cannot serve all measurements.
+g and H are gradient and Gauss-Newton matrix of the whole objective, priors included. A run has converged when the
+Newton step d is a small fraction of sigma, because no limit in metres or nats suits all measurements.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from .state import (
 from .windows import WindowTerm
 
 NU = 3.0  # degrees of freedom of the priors
-EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
+EXACT = 1e-6  # metres; with a smaller stated sigma the given positions never move
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Unknowns:
     channels: Reals  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
     gains: bool = True  # whether the channels are among the unknowns
-    filters: bool = False  # whether the delays and corners of all channels are free, else those that are not 0
+    filters: bool = False  # whether delays and corners of all channels are free; otherwise only those that are not 0
 
     @property
     def delays(self) -> np.ndarray | None:
@@ -73,19 +73,19 @@ class Unknowns:
 
     @property
     def vector(self) -> np.ndarray:
-        """All of them in one vector (N P + 1,)."""
+        """All unknowns in one vector (N P + 1,)."""
         each = np.column_stack([self.positions, self.channels]) if self.gains else self.positions
         return np.append(each.ravel(), self.log_speed)
 
     def at(self, vector: np.ndarray) -> Unknowns:
-        """Return the unknowns in a vector as that of these."""
+        """Return the unknowns of a vector that has the layout of `vector`."""
         D = self.positions.shape[1]
         each = vector[:-1].reshape(len(self.positions), -1)
         channels = each[:, D:] if self.gains else self.channels
         return replace(self, positions=each[:, :D], channels=channels, log_speed=float(vector[-1]))
 
     def by_speed(self) -> np.ndarray:
-        """Return the direction (N P,) of the microphones' parameters that a faster sound is equal to."""
+        """Return the direction (N P,) of the microphones' parameters that has the effect of a faster sound."""
         N, D = self.positions.shape
         direction = np.zeros((N, D + self.gains * self.channels.shape[1]))
         direction[:, :D] = self.positions.mean(axis=0) - self.positions
@@ -96,76 +96,72 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Priors:
-    """Spread of what is not the same for every microphone."""
+    """Priors of gains, filters, given positions and sound speed."""
 
     # gain_sigma, phase_sigma: nepers and radians
     gain_sigma: float
     phase_sigma: float
-    known: Integers  # (A,) int64, microphones whose position is given, at `places` (A, D), metres
-    places: np.ndarray
-    known_sigma: float  # metres, of every coordinate; 0 where they are exact
-    # (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is grossly different
-    # (inverted polarity)
+    known: Integers  # (A,) int64, microphones whose position is given
+    places: np.ndarray  # (A, D) float64, metres, their given positions
+    known_sigma: float  # metres, one sigma of each given coordinate; 0 where the positions are exact
+    # (N, 2) float64, nepers and radians, mean of the gains; 0 unless a channel has a gross fault, as an inverted one
     offsets: Reals
-    speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 for one that is fixed
-    # degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
-    known_tail: float = NU
-    # delay_sigma, corner_sigma: metres and rad/m; 0 for those of a faulty channel alone, which may be anything
+    speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 where the speed is fixed
+    known_tail: float = NU  # degrees of freedom of the prior of the given positions; with many it is Gaussian
+    # delay_sigma, corner_sigma: metres and rad/m; 0 where only a faulty channel has a filter, with a wide prior
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
 
     @property
     def constrained(self) -> np.ndarray:
-        """Microphones whose given position is exact and holds the array : (A,) int64."""
+        """Microphones whose given position is exact : (A,) int64."""
         return self.known if self.known_sigma == 0 else self.known[:0]
 
     @property
     def blind(self) -> bool:
-        """Whether no given position holds the array."""
+        """Whether no given position fixes the frame of the array."""
         return not len(self.known)
 
     def of_known(self, positions: Reals) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
+        """Return cost of the given positions' prior, deviations (A, D), metres, and stiffness (A,), 1/m^2."""
         e, nu = positions[self.known] - self.places, self.known_tail
         square, D, sigma = np.sum(e**2, axis=1), e.shape[1], max(self.known_sigma, EXACT)
         cost = (nu + D) / 2 * float(np.sum(np.log1p(square / (nu * sigma**2))))
         return cost, e, spring(square, sigma, D, nu)
 
     def without_given(self) -> Priors:
-        """Return the priors of an array that no given position holds."""
+        """Return the priors without those of the given positions."""
         return replace(self, known=self.known[:0], places=self.places[:0])
 
 
 def spring(square: Any, sigma: float, components: int, freedom: float = NU):
-    """Stiffness of the Student t prior at the squared deviation `square`."""
+    """Return the stiffness of the Student t prior at the squared deviation `square`."""
     return (freedom + components) / (freedom * sigma**2 + square)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The cost with priors, its gradient (F,) and Gauss-Newton matrix (F, F), and the `Terms` of the likelihood alone.
+    """The objective at some unknowns."""
 
-    Gradient and matrix are empty where the cost alone was wanted. `source` is that of the arrivals, None without any.
-    """
-
-    cost: float
+    cost: float  # with the priors
+    # gradient, matrix: (F,) and (F, F) float64, matrix by Gauss-Newton; both empty where only the cost was asked for
     gradient: np.ndarray
     matrix: np.ndarray
-    terms: Terms
-    source: TakeSources | None = None
+    terms: Terms  # of the likelihood alone
+    source: TakeSources | None = None  # of the arrivals; None without arrivals
 
 
 @dataclass(frozen=True)
 class Objective:
-    """Pressures (M, N) of the modes in use, what is assumed of their field at `log_speed`, priors, and arrivals."""
+    """What a stage minimises."""
 
-    pressures: np.ndarray
-    field: FieldModel
+    pressures: np.ndarray  # (M, N) complex128, of the modes in use
+    field: FieldModel  # at the sound speed `log_speed`
     priors: Priors
     log_speed: float = 0.0
     arrivals: Arrivals | None = None
     windows: WindowTerm | None = None
-    tempering: float = 1.0  # by which the likelihood of the pressures is divided
+    tempering: float = 1.0  # divisor of the likelihood of the pressures
 
     def evaluate(self, unknowns: Unknowns, derivatives: bool = True) -> Evaluation:
         """Return the cost with priors and, if wanted, its derivatives."""
@@ -180,7 +176,7 @@ class Objective:
         return self.with_priors(unknowns, terms, derivatives)
 
     def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: bool = True) -> Evaluation:
-        """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
+        """Return what `evaluate` does, from the `terms` of the likelihood at the unknowns."""
         gradient, matrix = np.zeros(0), np.zeros((0, 0))
         if derivatives:
             gradient, matrix = (part / self.tempering for part in _with_speed(unknowns, terms))
@@ -219,24 +215,24 @@ class Objective:
     def weakened(self) -> Objective:
         """Return the objective with a stronger field, which weakens the prior that the field is isotropic.
 
-        The same where the likelihood counts no more than its covariance claims.
+        A tempered objective is returned as it is, because its likelihood has been divided by the excess variance.
         """
         if self.tempering > 1:
             return self
         return replace(self, field=replace(self.field, power=WEAKER_FIELD * self.field.power))
 
     def beside(self, source: TakeSources | None) -> Objective:
-        """Return the same objective for unknowns beside those whose arrivals have this source."""
+        """Return the same objective, with arrivals whose fit begins at a `source` found at unknowns near by."""
         if self.arrivals is None or source is None:
             return self
         return replace(self, arrivals=replace(self.arrivals, start=source))
 
     def free(self, unknowns: Unknowns, deformations: np.ndarray | None = None) -> np.ndarray:
-        """Return the directions in which the unknowns may move, as of `free_directions`."""
+        """Return the result of `free_directions` for this objective."""
         return free_directions(unknowns, self.priors.constrained, deformations, self.priors.speed_sigma > 0)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
-        """Return the cost; infinity where a covariance is singular, as of two microphones at one place."""
+        """Return the cost, or infinity where a covariance is singular, as with two microphones at the same place."""
         try:
             return self.evaluate(unknowns, False).cost
         except np.linalg.LinAlgError:
@@ -254,7 +250,7 @@ def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarra
 
 
 def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Reals) -> float:
-    """Cost of the priors; gradient and matrix, where they are not empty, are added to in place."""
+    """Return the cost of the priors; add their derivatives in place to gradient and matrix unless these are empty."""
     D, channels, known = unknowns.positions.shape[1], unknowns.channels, priors.known
     P, every, cost = D + unknowns.gains * channels.shape[1], np.arange(len(unknowns.positions)), 0.0
 
@@ -287,7 +283,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Rea
 
 
 def arrival_index(unknowns: Unknowns) -> np.ndarray:
-    """Return which of the unknowns arrivals depend on : int64, coordinates, delays if there are any, sound speed."""
+    """Return indices int64 of the unknowns that arrivals depend on: coordinates, delays where free, sound speed."""
     size, (N, D) = unknowns.vector.size, unknowns.positions.shape
     index = np.arange(size - 1).reshape(N, -1)
     delays = index[0, :0] if unknowns.delays is None else index[:, D + 2]
@@ -295,7 +291,7 @@ def arrival_index(unknowns: Unknowns) -> np.ndarray:
 
 
 def in_unit_power(problem: Problem) -> Problem:
-    """Return `problem` with every mode scaled to a mean power of 1, its noise likewise: the solver works with these."""
+    """Return `problem` with pressures and noise of every mode scaled to a mean power of 1."""
     power = mode_power(problem.pressures)
     if np.allclose(power, 1.0, rtol=1e-9):
         return problem
@@ -303,7 +299,7 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
-# nepers and radians, spreads of the channels to begin with; with 0.05 an array of 4.5 mm is lost
+# nepers and radians, prior sigma of gains and phases at the start; with 0.05 an array with 4.5 mm of error is lost
 GAIN_SIGMA = 0.02
 PHASE_SIGMA = 0.02
 
@@ -329,27 +325,27 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
-# metres, error of each coordinate of given positions that carry the scale, and the degrees of freedom of their prior,
-# which is then nearly Gaussian; with 3 mm errors grow from 1.0 to 2.3 mm, with 3 degrees of freedom from 7 to 70 mm
-# in 1 of 6 plane arrays in space
+# Where only given positions fix the scale: one sigma of each of their coordinates, metres, and the degrees of freedom
+# of their prior, which is then nearly Gaussian. With 3 mm errors grow from 1.0 to 2.3 mm; with 3 degrees of freedom the
+# error of 1 of 6 plane arrays in space grows from 7 to 70 mm.
 CARRYING_SIGMA = 1e-3
 CARRYING_TAIL = 1e6
 
 
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
-    """Return one sigma of a given coordinate to begin with, and at most, metres; 0 for exact positions."""
+    """Return one sigma of a given coordinate, metres, at the start, which is also the usual maximum; 0 if exact."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
     return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA
 
 
 def given_carry_scale(problem: Problem) -> bool:
-    """Whether the pressures hardly show the size of the array, so that given positions must: a plane one in space."""
+    """Return whether only given positions fix the scale, as for a plane array in space."""
     return problem.array_dimension < problem.dimension
 
 
 def constrained_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return the microphones that given positions hold (H,), and these positions (H, D), metres."""
+    """Return the microphones (H,) whose given position is used, and these positions (H, D), metres."""
     right = ~state.model.contradicted
     return problem.known[right], state.model.places[right]
 
@@ -360,13 +356,13 @@ def gains_are_free(state: State) -> bool:
 
 
 def speed_is_free(problem: Problem, state: State) -> bool:
-    """Whether the stage seeks the sound speed: it is uncertain, and given positions carry the scale."""
+    """Return whether the present stage seeks the sound speed: it is uncertain, and given positions fix the scale."""
     stated, stage = state.settings.sound_speed_sigma, STAGES[state.progress.stage]
     return stated is not None and not stage.degree and len(problem.known) > 1
 
 
 def unknowns_of(state: State) -> Unknowns:
-    """Return what a step of the present stage moves."""
+    """Return the unknowns of the present stage."""
     model, gains = state.model, gains_are_free(state)
     sought = model.delay_sigma > 0
     channels = np.hstack([state.gains, model.filters]) if sought or np.any(model.filters) else state.gains
@@ -374,7 +370,7 @@ def unknowns_of(state: State) -> Unknowns:
 
 
 def with_unknowns(state: State, moved: Unknowns) -> State:
-    """Return `state` where a step has led to."""
+    """Return `state` with the unknowns `moved`."""
     filters = moved.channels[:, 2:] if moved.channels.shape[1] > 2 else state.model.filters
     model = replace(state.model, filters=frozen_array(filters, float), log_speed=moved.log_speed)
     positions, gains = frozen_array(moved.positions, float), frozen_array(moved.channels[:, :2], float)
@@ -382,7 +378,7 @@ def with_unknowns(state: State, moved: Unknowns) -> State:
 
 
 def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray:
-    """At most so many of the modes that the stage works with : int64; 0 for all."""
+    """Return indices int64 of the modes that the stage works with, `max_count` of them at most; 0 for all."""
     count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
     if stage.lowest and len(problem.known):
         count = min(count, stage.modes)
@@ -390,25 +386,25 @@ def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:
-    """Wavenumbers at the sound speed found (M,) complex128, rad/m."""
+    """Return the wavenumbers (M,) complex128, rad/m, at the sound speed of the state."""
     return problem.wavenumbers * np.exp(-state.model.log_speed)
 
 
 def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
-    """Those of the field (M,), rad/m: complex128 where damping counts, else float64."""
+    """Return the wavenumbers (M,), rad/m, that the field model uses: complex128 if it is damped, otherwise float64."""
     k = wavenumbers(problem, state)
     return k.astype(complex) if state.model.damped else np.real(k)
 
 
 def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndarray:
-    """Pressures of the modes `used` divided by the responses of the channels."""
+    """Return the pressures of the modes `used` divided by the responses of the channels."""
     k, filters = np.real(wavenumbers(problem, state)[used]), state.model.filters
     channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
     return problem.pressures[used] * np.exp(-log_response(channels, k)[0])
 
 
 def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
-    """What is assumed of the modes `used`."""
+    """Return the field model of the modes `used`."""
     model, k = state.model, field_wavenumbers(problem, state)[used]
     about = state.shape if model.damped or model.directional else None
     directions = model.directions[used] if model.directional and model.directions is not None else None
@@ -417,10 +413,10 @@ def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
 
 
 def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
-    """What the stage minimises."""
+    """Return what the present stage minimises, over the modes `used`."""
     stage, model = STAGES[state.progress.stage], state.model
     known_sigma = model.known_sigma
-    if stage.degree and known_sigma > 0:  # a rough array is bent to given positions only as far as it is right
+    if stage.degree and known_sigma > 0:  # given positions must not deform the array to less than its own error
         known_sigma = float(np.hypot(known_sigma, model.spread))
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = CARRYING_TAIL if given_carry_scale(problem) else NU
@@ -444,18 +440,18 @@ def window_term_of(model: Model) -> WindowTerm | None:
 
 
 def state_arrivals(problem: Problem, state: State) -> Arrivals | None:
-    """Return the arrivals with the sigma that the state assumes; None where they do not count yet."""
+    """Return the arrivals with the sigma of the state; None while they are not used."""
     if state.model.arrival_sigma is None:
         return None
     return arrivals_of(problem, state.model.arrival_sigma)
 
 
-DISTINCT = 1e-3  # a shape that moves the array by less, relative, is that of the microphones that stay
+DISTINCT = 1e-3  # least singular value of a deformation that differs from those of the constrained microphones
 
 
 @dataclass(frozen=True)
 class ChannelStep:
-    """Result of one step."""
+    """Result of one step; `terms`, `matrix` and `source` belong to the unknowns before it."""
 
     unknowns: Unknowns
     cost: float  # infinite where a covariance is singular
@@ -463,9 +459,9 @@ class ChannelStep:
     damping: float  # of the next step
     moved: float  # metres, greatest change of a coordinate
     free: np.ndarray  # see `free_directions`
-    terms: Terms | None = None  # Terms at the point from which the step was taken; None where a covariance is singular
-    matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
-    source: TakeSources | None = None  # TakeSources of the arrivals there; None without any
+    terms: Terms | None = None  # None where a covariance is singular
+    matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None without `terms`
+    source: TakeSources | None = None  # None without arrivals
 
 
 def free_directions(
@@ -473,11 +469,11 @@ def free_directions(
 ) -> np.ndarray:
     """Return the directions in which the unknowns may move.
 
-    constrained : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None,
-    directions of the positions, of which those that are left may move; speed : whether the sound speed is free. Delays
-    and corners are free where `Unknowns.filters` says so.
+    constrained : (A,) int64, microphones whose coordinates never move; deformations : (N D, F) float64, the only
+    directions in which positions move, None where every microphone moves on its own; speed : whether the sound speed is
+    free. `Unknowns.filters` says which delays and corners are free.
 
-    Returns (N P + 1, F) float64, or, where every microphone moves for itself, the indices (F,) int64 of the unknowns.
+    Returns a basis (N P + 1, F) float64 or, without deformations, the indices (F,) int64 of the free unknowns.
     """
     N, D = unknowns.positions.shape
     size = unknowns.vector.size
@@ -499,9 +495,9 @@ def free_directions(
 def polynomial_deformations(positions: np.ndarray, constrained: np.ndarray, degree: int) -> np.ndarray:
     """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `constrained` in place.
 
-    The error of a rough start is smooth, as the field is. Every coordinate moves by a polynomial of positions (N, D),
-    metres, less what `interpolation` makes of it at the microphones that stay. The degree is lower if the array has too
-    few microphones to distinguish the monomials.
+    The error of a rough start is smooth, because the field is. Every coordinate moves by a polynomial of the positions
+    (N, D), metres, minus the `interpolation` of its values at the constrained microphones, which therefore stay. The
+    degree is lower if there are too few microphones to distinguish the monomials.
     """
     N, D = positions.shape
     z = positions - positions.mean(axis=0)
@@ -523,9 +519,9 @@ def polynomial_deformations(positions: np.ndarray, constrained: np.ndarray, degr
 
 
 def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
-    """Return the weights (N, A) by which moves of `constrained` microphones (A,) become a smooth move of the array.
+    """Return the weights (N, A) that interpolate the moves of `constrained` microphones (A,) smoothly over the array.
 
-    Kriging with the covariance (1 + r / l) exp(-r / l), l the radius of the array: far from them nothing moves.
+    This is kriging with the covariance (1 + r / l) exp(-r / l), where l is the radius of the array.
     """
     x = positions
     radius = np.sqrt(np.sum((x - x.mean(axis=0)) ** 2, axis=1).mean())
@@ -562,8 +558,8 @@ def channel_step(
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient (F,) and the Gauss-Newton matrix (F, F) in the free directions.
 
-    A `blind` array, which no given position holds, is held as a whole, and so are gain and delay that all channels
-    share: the field takes them up.
+    Directions that change no likelihood get an artificial stiffness: the rigid motions of a `blind` array, which has no
+    given positions, and a gain, phase or delay that all channels share.
     """
     x = unknowns.positions
     N, D = x.shape
@@ -583,7 +579,7 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
     return free.T @ g, free.T @ H @ free
 
 
-# of the scaled Gauss-Newton matrix, dimensionless; directions with less are as good as undetermined
+# least eigenvalue of the scaled Gauss-Newton matrix, dimensionless; directions below it are practically undetermined
 MIN_EIGENVALUE = 1e-13
 
 
@@ -596,21 +592,17 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """An objective to second order about some unknowns, every microphone moving for itself.
-
-    gradient (F,) and inverse of the Gauss-Newton matrix (F, F) in the `free` unknowns (F,), of which the coordinates
-    (C,) of the microphones come first.
-    """
+    """An objective to second order about some unknowns, where every microphone moves on its own."""
 
     unknowns: Unknowns
-    free: np.ndarray
-    gradient: np.ndarray
-    inverse: np.ndarray
-    coordinates: np.ndarray
+    free: np.ndarray  # (F,) int64, indices of the free unknowns, coordinates first
+    gradient: np.ndarray  # (F,) float64
+    inverse: np.ndarray  # (F, F) float64, of the Gauss-Newton matrix
+    coordinates: np.ndarray  # (C,) int64, indices of the free coordinates among the N D ones
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of all coordinates : (N D, N D) float64, metres^2; 0 of those that are constrained."""
+        """Covariance of all coordinates : (N D, N D) float64, metres^2; 0 for constrained ones."""
         index, whole = self.coordinates, np.zeros((self.unknowns.positions.size,) * 2)
         whole[np.ix_(index, index)] = self.inverse[: len(index), : len(index)]
         return whole
@@ -629,12 +621,12 @@ class Quadratic:
 
     @property
     def decrease(self) -> float:
-        """By how much the cost falls to the minimum, nats."""
+        """Difference of the cost here and at the minimum, nats."""
         return float(self.gradient @ self.inverse @ self.gradient) / 2
 
 
 def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
-    """Return the quadratic of an objective, of which the evaluation `here` may be known."""
+    """Return the quadratic of an objective; `here` is its evaluation at the unknowns where that is known."""
     evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
     gradient, matrix = reduced(unknowns, evaluation, free, objective.priors.blind)
     index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)
@@ -643,7 +635,7 @@ def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None 
 
 
 def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unknowns, float]:
-    """Return the minimum near some unknowns, after `steps` at most, and by how much the cost has fallen."""
+    """Return the minimum near some unknowns, after `steps` steps at most, and the decrease of the cost."""
     damping, decrease, free = STAGE_DAMPING, 0.0, objective.free(unknowns)
     for _ in range(steps):
         trial = channel_step(unknowns, objective, free, damping)
@@ -654,25 +646,25 @@ def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unkno
 
 
 def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
-    """Return the RMS move of the coordinates of the healthy microphones (N,) bool in a step, over their sigmas."""
+    """Return the RMS move of the `healthy` (N,) bool microphones in a step, in sigmas of their coordinates."""
     if trial.matrix is None or trial.free.ndim != 1:
         return np.inf
-    variance = np.full(before.vector.size, np.inf)  # of what is not free
+    variance = np.full(before.vector.size, np.inf)
     variance[trial.free] = np.diag(scaled_inverse(trial.matrix))
     variance = variance[:-1].reshape(len(healthy), -1)[healthy, : before.positions.shape[1]]
     move = (trial.unknowns.positions - before.positions)[healthy]
     return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
 
 
-# largest Newton step left of a run that has converged, over one sigma of the coordinate
+# largest Newton step left of a converged run, in sigmas of the coordinate
 CONVERGED_SIGMAS = 0.2
 
 
 def is_converged(problem: Problem, state: State) -> bool:
-    """Return whether no healthy channel is farther from the minimum than a small part of its sigma.
+    """Return whether every healthy microphone is within a small fraction of its sigma from the minimum.
 
-    The motion of the array as a whole does not count where given positions fix it (`given.anchored`): they say more of
-    it than the pressures do. Where they are exact they leave no such motion.
+    A motion of the array as a whole does not count where uncertain given positions fix it, because `given.anchored`
+    moves the array onto them at the end.
     """
     objective = objective_of(problem, state, used_modes(problem, state))
     try:
