@@ -44,8 +44,8 @@ class FieldModel:
     noise: Reals
     channel_noise: Reals  # (N,) float64, tau
     dimension: int  # 2 or 3, of the sound field
-    # (N, D) float64, metres, positions whose mean is the centre of the waves; None for the microphones
-    # The gradient takes the centre as fixed.
+    # (N, D) float64, metres, positions whose mean is the centre of the waves, which the gradient takes as fixed; None
+    # for those of the microphones
     about: Reals | None = None
     # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.noise`)
     directions: Reals | None = None

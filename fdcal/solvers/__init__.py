@@ -2,7 +2,7 @@
 
 May import: model, acoustics and cost.
 
-Every module and package inside this package but those of SHARED is a solver, a `fdcal.solvers.interface.Solver`.
+Every module and package inside this package except those in SHARED is a solver, a `fdcal.solvers.interface.Solver`.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from ..model.validation import frozen_array, require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
-PAPER = "descent"  # the solver that is the paper's algorithm; it is no trait, since a page asks before it loads any
+PAPER = "descent"  # the paper's algorithm; no trait, because the page needs it before it loads a solver
 SHARED = {"interface", "levenberg_marquardt", "requirements", "starts"}
 
 
 def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
-    """Return how far the arrivals of each take are from those at some positions : (T, N) float64, metres.
+    """Return the absolute residuals (T, N) float64, metres, of the arrivals at some positions; NaN without an arrival.
 
-    NaN where there is none; None of a problem without arrivals.
+    The result is None for a problem without arrivals.
     """
-    from .robust import arrivals  # brings SciPy
+    from .robust import arrivals  # loads SciPy
 
     return arrivals.arrival_misfits(problem, positions)
 
@@ -77,15 +77,14 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
         yield state
 
 
-# Calls of everything that is compiled, on small arrays, so that it is compiled before somebody waits for it. The first
-# run on a machine compiles for some seconds; later runs read the machine code from disk. A calibration by the
-# likelihood compiles nothing; `fdcal warm` calls the simulation of a scene, too. What is compiled depends on the types
-# of the arrays, not on their sizes.
-Piece = tuple[str, Callable[[], object]]  # what is compiled, in words, and the call that compiles it
+# The calls below compile all compiled functions, on small arrays, before a user waits for them. The first run on a
+# machine takes some seconds; later runs read the machine code from disk. Compiled code depends on the types of the
+# arrays, not on their sizes. A calibration by the likelihood needs none.
+Piece = tuple[str, Callable[[], object]]  # name of what is compiled, and the call that compiles it
 
 
 def warmup_calls(solver: str) -> list[Piece]:
-    """Return what a solver and the maps of its page need, in the order in which a run needs it."""
+    """Return the compiled pieces that a solver and the maps of its page need, in the order of their use."""
     return [*([SEARCH] if load(solver).TRAITS.needs_search else []), MINIMA]
 
 

@@ -1,14 +1,14 @@
 """Block coordinate descent, section 3 of the paper: one microphone at a time over all candidates.
 
-    step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others constrained; then the
-           basis is recentred on the centre of mass of the array
-    sweep  all free microphones are moved once, in an order drawn for this sweep
+    step   one free microphone moves to the candidate with the lowest cost (Eq. 7) while the others stay; then the
+           expansion is recentred on the centre of mass of the array
+    sweep  all free microphones move once, in an order drawn for this sweep
     stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
 
-The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.
-The centre of the expansion is the centre of mass rounded to the lattice, so one table of radial functions serves every
-step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
-coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
+The run begins with its lowest modes and with microphones at random candidates, which are the points of the search
+lattice. The centre of the expansion is the centre of mass rounded to the lattice, so that one table of radial functions
+serves every step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
+coarse to fine (`fdcal.cost.lattice`), and only some of them are tried.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class State(RunState):
     solver: ClassVar[str] = "descent"
 
     centre: Reals  # (D,) float64, metres, centre of the expansion, read-only
-    turn: int = 0  # steps taken in the present sweep, 0 to the number of free microphones less 1
+    turn: int = 0  # steps taken in the present sweep, from 0 to the number of free microphones minus 1
     stage_sweeps: int = 0  # sweeps completed in the present stage
     changed: bool = False  # whether a microphone has moved in the present sweep
 
@@ -72,7 +72,7 @@ class State(RunState):
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
-    """Return the number added to ceil(kR) (Eq. 3): 0 for few modes, which more functions fit at any positions."""
+    """Return the number added to ceil(kR) (Eq. 3): 0 for few modes, which more functions would fit at any positions."""
     return settings.order_offset if modes >= settings.ample_modes else 0
 
 
@@ -130,7 +130,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def _end_sweep(state: State) -> State:
-    """Close the sweep; if nothing has moved, or the stage has had its sweeps, add a mode or finish."""
+    """Return the state after a sweep; where no sweep of this stage is left, a mode is added or the run ends."""
     converged = not state.changed
     state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
     if not converged and state.stage_sweeps < state.settings.max_sweeps:
@@ -179,16 +179,16 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
-    """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64.
+    """Return the cost that a step on microphone `n` minimises, mode by mode over the lattice : (modes, ny, nx) float64.
 
-    In three dimensions it is the layer at the height of the microphone; `search` may be another lattice.
+    In three dimensions the lattice is the layer at the height of the microphone. `search` may be another lattice.
     """
     numbers, weight = range(1, len(problem.pressures) + 1)[modes], state.settings.known_weight
     return descent_maps(problem, state.positions, n, numbers, state.order_offset, weight, state.centre, search)
 
 
 def result(problem: Problem, state: State) -> Estimate:
-    """Return what descent has found, judged by the likelihood: its own cost says nothing of noise."""
+    """Return what descent has found, with the uncertainty from the likelihood, since Eq. 7 does not model noise."""
     return estimate_at(problem, state.settings, state.positions, state.modes, state.converged)
 
 

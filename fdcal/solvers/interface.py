@@ -1,16 +1,16 @@
-"""What every solver offers, what every state holds, and what bounds every calibration, whatever the solver.
+"""The interface of all solvers, the part of a state that they share, and the limits of every calibration.
 
 RunState    base class of the solvers' states
-Traits      properties of a solver that others ask for
-Estimate    what a solver has found: all that its assessment reads (`Solver.result`)
+Traits      properties of a solver that other modules ask for
+Estimate    result of a solver (`Solver.result`), from which alone its assessment is made
 Solver      protocol of a solver: a module with these functions
 
 The order of a field's expansion, and with it memory and time of a step, grows with the wavenumber times the extent of
-the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so positions beyond `max_radius` are no answer: the
+the array. N microphones resolve orders up to about N / 2 (Eq. 8), so that positions beyond `max_radius` mean that the
 solver has diverged.
 
-One step may take many trials. Loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so a calibration ends
-soon after its time limit and not after the step.
+One step may take many trials. Loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so that a calibration
+ends soon after its time limit rather than after the step.
 """
 
 from __future__ import annotations
@@ -37,36 +37,35 @@ class ChannelEstimate:
     # gains, gain_sigma: (N, 2) float64, log gain, nepers, and phase, radians, and one sigma of each
     gains: np.ndarray
     gain_sigma: np.ndarray
-    # filters, filter_sigma: (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times, 2
-    # pi / c; 0 for a channel without
+    # filters, filter_sigma: (N, 2) float64, delay, metres (times the sound speed), and high-pass corner, rad/m (times
+    # 2 pi / c), and one sigma of each; 0 for a channel without a filter
     filters: Reals
     filter_sigma: Reals
-    # (2,) float64, of the gains, nepers, and phases, radians, of all channels that are not grossly wrong
-    spread: Reals
+    spread: Reals  # (2,) float64, prior sigma of gains, nepers, and phases, radians, without gross faults
     noise: Reals  # (N,) float64, noise of each channel over that of a healthy one
 
 
 @dataclass(frozen=True)
 class FieldEstimate:
-    """Field and noise where the solver ended, of the modes in use."""
+    """Field and noise of the modes in use, at the end of the run."""
 
     noise_fraction: float  # noise over the mean power of the pressures
-    # power, noise: (M,) float64, of the field and of a healthy channel; modes have unit power
+    # power, noise: (M,) float64, of the field and of a healthy channel, in units of the mean power of each mode
     power: Reals
     noise: Reals
-    # Terms of the likelihood with a weaker prior of an isotropic field: what the others predict of each channel
+    # of the likelihood with a weaker prior of an isotropic field; they predict each channel from the others
     terms: Terms
 
 
 @dataclass(frozen=True)
 class PositionSpread:
-    """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum."""
+    """The parts of the covariance of the positions. They depend on the optimum only, not on the path to it."""
 
     # newton, data: (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors, and the part of
-    # it that is the error of the data, not of what the priors state
+    # it that is due to errors of the data rather than of the priors
     newton: Reals
     data: Reals
-    # covariance that blocks of frequencies and takes show by their disagreement over that of `data`, pooled over the
+    # covariance that follows from the disagreement of blocks of frequencies and takes, over `data`, pooled over the
     # microphones; 1 on average where the model of the field holds
     dispersion: float
     # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
@@ -75,48 +74,45 @@ class PositionSpread:
 
     @property
     def covariance(self) -> Reals:
-        """Covariance of the positions (N D, N D), metres^2, where the error of the data is what they show."""
+        """Covariance of the positions (N D, N D), metres^2, with `data` enlarged by the excess."""
         return self.newton + self.excess * self.data
 
     @property
     def excess(self) -> float:
-        """How much more the error of the data is than that of a field as assumed, over the latter's variance."""
+        """Variance of the errors of the data beyond that of the assumed field, relative to the latter."""
         return EXCESS * max(0.0, self.dispersion - 1)
 
 
-# part of a dispersion over 1 that counts: its estimate from ten blocks scatters by a factor of two. In 192 draws of 24
-# scenarios, 179 of them good and 78 of these with a dispersion over 1, the logarithmic score is best at 0.7. The study
-# of the error bars judges it on the same ones, with other draws. Chosen on every other draw it is 0.95 or 0.55, and
-# the ellipses of 95 % of the draws that did not choose it hold 96.7 or 93.6 % (89.2 % of all without it); chosen on
-# every other scenario it is 0.8 or 0.7, and those of the other scenarios hold 95.0 or 95.8 %. A dispersion below 1 does
-# not count: claims fall below the errors where it does (1.24 times, and 1.0 times where not)
+# Fraction of the excess of a dispersion over 1 that counts, because an estimate from ten blocks scatters by a factor of
+# two. Over 192 draws of 24 scenarios the logarithmic score is best at 0.7; halves of the draws or of the scenarios give
+# 0.55 to 0.95, and then 93.6 to 96.7 % of the other half lie in their 95 % ellipses (89.2 % with 0). A dispersion below
+# 1 does not count: errors would then be 1.24 times the claimed sigma, instead of 1.0 times.
 EXCESS = 0.75
 
 
 @dataclass(frozen=True)
 class GivenHypothesis:
-    """What is likeliest where given positions and pressures contradict each other."""
+    """The likeliest hypothesis where given positions and pressures contradict each other."""
 
-    # (N, D) float64, metres, of an array that the pressures alone shape and these given positions place
+    # (N, D) float64, metres, array with its shape from the pressures and its frame from the right given positions
     positions: Reals
-    sigma: Reals  # (A,) float64, metres, one sigma of the shape at the microphones given
-    noise: Reals  # (A,) float64, noise of their channels there over that of a healthy one
-    wrong: Bools  # (A,) bool, which given positions are not those of their microphones
+    sigma: Reals  # (A,) float64, metres, one sigma of this array at the microphones whose positions are given
+    noise: Reals  # (A,) float64, noise of these channels over that of a healthy one
+    wrong: Bools  # (A,) bool, which given positions are wrong
 
 
 @dataclass(frozen=True)
 class GivenEstimate:
-    """The given positions as the solver took them."""
+    """What the solver has assumed and found of the given positions."""
 
     sigma: float  # metres, one sigma of each coordinate; 0 where they are exact
-    expected_sigma: float  # metres, the same as stated or usual
+    expected_sigma: float  # metres, the sigma that is stated or usual
     stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each
-    carry_scale: bool  # whether the pressures hardly show the size of the array, so that these positions must
-    # of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large by
+    carry_scale: bool  # whether only these positions fix the scale, since the pressures hardly show the array's size
+    # maps a choice of given positions (A,) bool to the probability of a disagreement with the pressures as large by
     # chance
     probability: Callable[[np.ndarray], float]
-    # GivenHypothesis; None where they agree with the pressures, or nothing can be said
-    contradicted: GivenHypothesis | None = None
+    contradicted: GivenHypothesis | None = None  # None where they agree with the pressures, or nothing can be said
 
 
 @dataclass(frozen=True)
@@ -125,7 +121,7 @@ class TriedOptimum:
 
     positions: Reals  # (N, D) float64, metres
     score: float  # -log evidence, up to a constant
-    same_frame: bool  # whether the same given positions hold it as the estimate
+    same_frame: bool  # whether the same given positions as of the estimate fix its frame
 
 
 @dataclass(frozen=True)
@@ -133,7 +129,7 @@ class Estimate:
     """The result of a solver that minimises the likelihood, or is judged by it."""
 
     problem: Problem  # with modes of unit power
-    modes: slice  # slice, the modes in use
+    modes: slice  # of the modes in use
     positions: Reals  # (N, D) float64, metres
     converged: bool  # whether the solver ended at a minimum
     # channels, field, spread, given: as of their classes
@@ -145,7 +141,7 @@ class Estimate:
     log_speed: float
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]  # the likeliest first
-    window_ratio: float = 0.0  # by which the covariances of windows and modes are enlarged; 0 where no windows count
+    window_ratio: float = 0.0  # factor on the covariances of short windows and modes; 0 where no windows are used
 
 
 @dataclass(frozen=True)
@@ -167,8 +163,8 @@ class RoomEstimate:
     modes: slice
     positions: np.ndarray
     converged: bool
-    # pressures, leave_one_out_errors: (M, N) complex128, of the modes in use with unit RMS, and what the others do not
-    # predict of them
+    # pressures, leave_one_out_errors: (M, N) complex128, of the modes in use, scaled to unit RMS, and their difference
+    # from the prediction by the other microphones
     pressures: Complexes
     leave_one_out_errors: Complexes
     covariance: Reals  # (N, D, D) float64, metres^2, with source, walls and loudness unknown
@@ -197,7 +193,7 @@ class RunState:
 
     positions: Reals  # (N, D) float64, metres, read-only
     settings: SolverSettings
-    seed: int  # of whatever the solver draws
+    seed: int  # of all random numbers that the solver draws
     # step, sweep, stage: steps taken, sweeps completed, stages completed
     step: int = 0
     sweep: int = 0
@@ -218,12 +214,12 @@ class RunState:
 
     @property
     def best_positions(self) -> np.ndarray:
-        """The best positions (N, D) so far, metres, for a run that ends early; of restarts those of the likeliest."""
+        """The best positions (N, D) so far, metres, over all restarts; a run that ends early returns them."""
         return self.positions
 
     @property
     def restart(self) -> int:
-        """Number of the start that the run has come from last, from 0; it changes where the run starts again."""
+        """Number of the present restart, from 0."""
         return 0
 
     @property
@@ -349,8 +345,8 @@ def max_radius(problem: Problem, modes: int) -> float:
 
 
 def bounded(problem: Problem, before: State, after: State) -> State:
-    """Return the state after a step; the one `before` it, ended without convergence, where a microphone diverges."""
-    # a session takes whatever its solver takes, which then bounds itself
+    """Return the state `after` a step or, if a microphone has diverged, the state `before` it, ended unconverged."""
+    # a session may run a solver of other problems, which has no such limit
     if not isinstance(problem, Problem):  # pyright: ignore[reportUnnecessaryIsInstance]
         return after
     search = max(problem.search.size) if problem.search is not None else 0.0

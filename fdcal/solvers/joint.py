@@ -1,8 +1,8 @@
 """Positions alone: the likelihood solver (`fdcal.solvers.robust`) for matched channels and exact given positions.
 
-The gains are not sought, and given positions never move. A restart that leaves no more than the reported noise ends
-the search, since no other unknown could take up what a wrong basin leaves; and in space the field stays isotropic,
-where learning the power of hundreds of directions takes most of the time. It is two to five times as fast.
+Gains are not estimated, and given positions never move. A restart that leaves no more than the reported noise ends the
+search, because with so few unknowns a wrong array leaves more. In space the field stays isotropic, since learning the
+power of hundreds of directions would take most of the time. This preset is two to five times as fast.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,8 @@
 """One damped Gauss-Newton step (Levenberg-Marquardt), for any cost with a gradient and a Gauss-Newton matrix.
 
-The caller says how unknowns change by a step y of the parameters and how far positions move by it, so that the same
-step serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with bounds (`fdcal.solvers.room`).
+The caller provides functions that apply a step y of the parameters to the unknowns and measure how far positions move.
+The same step therefore serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with bounds
+(`fdcal.solvers.room`).
 """
 
 from collections.abc import Callable
@@ -30,20 +31,18 @@ class NewtonTerms:
 class DampedStep(Generic[Unknowns]):
     """Result of a damped step."""
 
-    unknowns: Unknowns  # as given if no step lowers the cost
+    unknowns: Unknowns  # unchanged if no step lowers the cost
     cost: float
     decrease: float  # of the cost
     damping: float  # of the next step
     moved: float  # metres, greatest change of a coordinate; 0 without a step
 
 
-# bounds; at the greatest no step is possible
 MIN_DAMPING = 1e-9
-MAX_DAMPING = 1e6
-INCREASE = 6.0  # factor after a trial that does not lower the cost
-DECREASE = 10.0  # divisor after a step
-# relative fall of the cost that is lost in rounding: a trial that promises less is the last
-MIN_DECREASE = 1e-12
+MAX_DAMPING = 1e6  # above it no step is tried
+INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
+DECREASE = 10.0  # divisor of the damping after a step
+MIN_DECREASE = 1e-12  # relative decrease of the cost below rounding errors; a trial that promises less is the last
 
 
 def damped_step(
@@ -58,9 +57,9 @@ def damped_step(
 ) -> DampedStep[Unknowns]:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
-    `advance`: unknowns after a step (P,) of the parameters; `length`: how far they have moved, metres; `max_step`:
-    metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`: metres; a
-    shorter step that does not lower the cost is the last one tried.
+    advance : returns the unknowns after a step (P,) of the parameters; length : returns how far these have moved,
+    metres; max_step : metres, a longer step is damped more, because it could leave the basin; shortest : metres, a
+    shorter step that does not lower the cost is the last one tried
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
@@ -69,7 +68,7 @@ def damped_step(
         damped = H + damping * np.diag(scale)
         try:
             y = cho_solve(cho_factor(damped, check_finite=False), -g, check_finite=False)
-        except np.linalg.LinAlgError:  # rounding has made it indefinite: the gauge is free and the damping is low
+        except np.linalg.LinAlgError:  # indefinite by rounding errors, where the gauge is free and the damping is low
             y = np.linalg.lstsq(damped, -g, rcond=None)[0]
         tried = advance(y)
         moved = length(tried)

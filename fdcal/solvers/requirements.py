@@ -1,8 +1,8 @@
-"""What a measurement must hold so that its microphones can be found, and how many of its modes a calibration uses.
+"""Requirements on a measurement for its microphones to be found, and the number of modes that a calibration uses.
 
-mode_count      modes in use unless their number is given: all that were measured, with three limits
-check_solvable  what every calibration needs: enough equations, and microphones that do not stand on one line
-require_modes   what the solvers that minimise a likelihood need besides
+mode_count      number of modes in use unless it is given: all measured ones, within three limits
+check_solvable  requirements of every calibration: enough equations, and microphones that are not on one line
+require_modes   additional requirements of the solvers that minimise a likelihood
 """
 
 from collections.abc import Sequence
@@ -28,13 +28,13 @@ def mode_count(problem: Problem, usable: int) -> int:
     return max(1, min(measured, usable or measured, interpolated or measured, int(LIMITS.pairs // microphones**2)))
 
 
-RADIUS_FACTOR = 1.5  # by which the radius that the coherence shows may be too large
+RADIUS_FACTOR = 1.5  # factor by which the radius from the coherence may be too large
 
 
 def highest_frequency(problem: Problem) -> float:
-    """Return f_max (Eq. 9), Hz, of the smallest array that the measurement speaks for; infinite where it shows none.
+    """Return f_max (Eq. 9), Hz, for the smallest array that fits the coherence; infinite where that shows no radius.
 
-    The radius is good to a factor of 1.5, and so is the limit; the verdict checks the array that was found.
+    The limit is only accurate to a factor of 1.5; the verdict checks the array that is found.
     """
     radius = array_radius(problem.pressures, problem.wavenumbers, problem.dimension)
     if radius is None:
@@ -48,27 +48,27 @@ def highest_frequency(problem: Problem) -> float:
 
 
 def min_microphones(dimension: int) -> int:
-    """Return the number of microphones below which no array is found in a field of two or three dimensions.
+    """Return the least number of microphones of an array in a field of two or three dimensions.
 
-    A field of the lowest order has `dimension` + 1 functions. In the plane as many equations again must be left for the
-    positions; in space several takes can do with fewer microphones (`takes_needed`).
+    A field of the lowest order has `dimension` + 1 functions. In the plane the same number of equations must be left
+    for the positions; in space fewer microphones suffice if there are several takes (`takes_needed`).
     """
     return 6 if dimension == 2 else 4
 
 
 def takes_needed(problem: Problem) -> int:
-    """Return how many takes determine the positions of an array in space; 1 where one does.
+    """Return the number of takes that determine the positions of an array in space.
 
-    A row has one real equation for each microphone beyond the functions of a field of the lowest order: a standing wave
-    is real up to its phase. Where there are none, the direct sound of a take has N - 1 phase differences at each
-    frequency, all of one wave from an unknown direction, which leaves N - D equations a take.
+    A standing wave is real up to its phase, so that a row has one real equation for each microphone beyond the number
+    of functions of a field of the lowest order. Where there are no such microphones, only the direct sound of a take
+    determines positions: it is one wave from an unknown direction, which leaves N - D equations per take.
     """
     N, D = problem.pressures.shape[1], problem.dimension
     return 1 if N > D + 1 else -(-unknown_coordinates(problem) // max(1, N - D))
 
 
 def unknown_coordinates(problem: Problem) -> int:
-    """Return the number of coordinates to be found; without given positions the rigid motions do not count."""
+    """Return the number of unknown coordinates, without the rigid motions if no position is given."""
     D = problem.array_dimension
     return D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
 
@@ -88,13 +88,12 @@ def require_range(problem: Problem, first: int, last: int) -> None:
     require_measured(problem, last)
 
 
-# modes without which no array is sought, by the dimension of the sound field
-MIN_MODES = {2: 6, 3: 12}
+MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the sound field
 
 
 def needed_modes(problem: Problem) -> int:
-    """Return how many modes the unknown coordinates need at least."""
-    # Real equations of a row: those that its field does not take up, or the phases of the direct sound.
+    """Return the least number of modes that the unknown coordinates need."""
+    # the real equations of a row that remain after the functions of its field are fitted
     equations = max(1, 2 * (problem.pressures.shape[1] - problem.dimension - 1))
     return max(MIN_MODES[problem.dimension], -(-problem.array_dimension * len(problem.free) // equations) + 1)
 
@@ -114,7 +113,8 @@ def require_modes(problem: Problem, count: int) -> None:
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     """Raise InputError for a problem that no solver can work on with its lowest `modes` modes.
 
-    These are two known microphones at one place, too few microphones or modes, and microphones on a line (or a plane).
+    The reasons are two known microphones at the same position, too few microphones, takes or modes, and microphones on
+    one line (in space, on one plane).
     """
     places = problem.known_positions
     for (a, place), (b, other) in combinations(zip(problem.known, places, strict=True), 2):
@@ -144,18 +144,18 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
 
 
 LINE_DEGREE = 4  # degree of the polynomials: the second singular vector of a line is a polynomial of its first
-# part of the last singular vector that is a polynomial of the others, if they are on a line
+# for microphones on a line: least fraction of the last singular vector that is a polynomial of the others
 LINE_EXPLAINED = 0.97
-# singular value of the last vector over that of the first, at most, if they are on a line
+# for microphones on a line: largest ratio of the last to the first singular value
 LINE_FLATNESS = 0.25
 
 
 def _check_line(problem: Problem, modes: int) -> None:
-    """On a line (a plane, in space) the last singular vector is a polynomial of the others.
+    """Raise InputError if the microphones seem to stand on one line (in space, on one plane).
 
-    So it is of any array where the sound moves along one line or plane: the pressures do not change across it. Of 60
-    balls of 16 in fields of three waves 18 are refused; the least singular value of the three directions is 0.13 in
-    the median of these, and 0.4 in that of the others.
+    Then the last singular vector is a polynomial of the others. The same happens for any array if the sound travels
+    along one line or plane, because the pressures do not change across it: 18 of 60 arrays of 16 microphones in fields
+    of three waves are refused.
     """
     N, D = problem.pressures.shape[1], problem.array_dimension
     if is_single_wave(problem.pressures[:modes]):

@@ -1,40 +1,37 @@
 """Microphones in a rectangular room of known size: absolute positions, up to the symmetries of the room.
 
-    step   one step of a phase
-    sweep  the same: every microphone has moved once
-    stage  a phase, or a part of phase "diffuse" with one lattice error
+Microphones and source are searched on lattices and then fitted together, with two models of the field:
 
-    search     the likeliest arrays on a lattice, from the lowest modes: one step
-    diffuse    all microphones move together, all modes in use, by the diffuse model, which needs no source; the error
-               of the lattice counts as noise, less of it from stage to stage
-    source     the likeliest places of the source on a lattice: one step
-    rough      microphones, source and the admittance of the walls together by the exact model
-               (`fdcal.acoustics.room_modes`), part of the power counted as noise
-    relocated  the same, after each microphone is placed where the source found says
+    diffuse model  a sum of the room's modes with random amplitudes, which needs no source
+    exact model    the field of a point source in a room whose walls have an admittance (`fdcal.acoustics.room_modes`)
+
+The solver goes through phases. A step is a step of one phase and moves every microphone, so that a sweep is the same. A
+stage is a phase, or the part of phase "diffuse" with one lattice error.
+
+    search     one step: find the likeliest arrays on a lattice, from the lowest modes
+    diffuse    fit all microphones with the diffuse model; the error of the lattice counts as noise, and decreases from
+               stage to stage
+    source     one step: find the likeliest positions of the source on a lattice
+    rough      fit microphones, source and admittance with the exact model; a part of the power counts as noise
+    relocated  the same, after microphones were moved to where the source explains them better
     exact      the same, with the noise of the measurement
 
-`_following` says what follows each phase, and when another place of the source or another array is tried. Known
-microphones only select one of the symmetries of the room; without them the array is put into the corner at the origin.
-
-Microphones and source are searched on lattices, then fitted together, by two models.
-
-diffuse model  the field is a sum of the room's modes with random amplitudes; it needs no source
-exact model    the field of a point source in a room whose walls have an admittance
+`_following` decides what follows a phase, and when another source position or another array is tried. Known microphones
+only select one of the symmetries of the room; without them the array is put into the corner at the origin.
 
 Pressures (M, N) have unit RMS in each mode, the noise (M,) is a fraction of their power, wavenumbers (M,) are in rad/m;
-positions (N, D), points (C, D) and lengths of the room are in metres.
+positions (N, D), points (C, D) and lengths of the room are in metres. `theta` holds all unknowns in one array: the
+positions (N D) and, for the exact model, the source (D), the real and imaginary part of the admittance (2) and, if the
+size of the room is unknown, the relative change of each length (D).
 
-theta   all unknowns in one array: positions (N D) and, of the exact model, source (D), real and imaginary part of the
-        admittance (2) and, if the size of the room is unknown, its relative changes of length (D)
+Searches on lattices:
 
-The searches on lattices, after the models:
-
-find_arrays   by the diffuse model. The loudest microphone is placed at every point of a part of the room of which the
-              whole is made by reflections. With it the model predicts the pressures at all other points, so every
-              other microphone is placed by itself: the effort is microphones x points, not points to the power of
-              microphones.
-find_sources  by the exact model, for a given array
-relocate      by the exact model, for a given source: microphones that fit far better elsewhere are put there
+    find_arrays   with the diffuse model. The loudest microphone is placed at every point of one part of the room, from
+                  which reflections generate the whole. It determines the predicted pressures at all other points, so
+                  that the other microphones are placed independently: the effort is the number of microphones times the
+                  number of points.
+    find_sources  with the exact model, for a given array
+    relocate      with the exact model, for a given source: moves microphones that fit far better elsewhere
 """
 
 from collections.abc import Callable, Sequence
@@ -53,30 +50,30 @@ from .interface import RoomEstimate, RunState, SizeFit, Traits
 from .levenberg_marquardt import FIRST_DAMPING, DampedStep, NewtonTerms, damped_step
 from .requirements import require_measured, require_range
 
-Cost = Callable[[np.ndarray], float]  # of given unknowns
+Cost = Callable[[np.ndarray], float]  # cost of unknowns theta
 
 
-MIN_CURVATURE = 1e-12  # of the largest eigenvalue: directions with less are as good as free
-MAX_SIZE_STEPS = 12  # of the fit of the size
-SIZE_TOLERANCE = 1e-5  # metres: a shorter step ends that fit
-LARGE_RESIDUAL = 2.0  # reduced chi-square from which another size may be far away
+MIN_CURVATURE = 1e-12  # least eigenvalue of a curvature, relative to the largest, in its inverse
+MAX_SIZE_STEPS = 12  # steps of the fit of the size
+SIZE_TOLERANCE = 1e-5  # metres; a shorter step ends the fit of the size
+LARGE_RESIDUAL = 2.0  # reduced chi-square above which the fit of the size takes more than one step
 
 
 def degrees_of_freedom(modes: int, count: int, D: int) -> float:
-    """Return the number of complex pressures of `count` microphones less that of the unknowns of the exact model."""
+    """Return the number of complex pressures of `count` microphones minus the number of complex unknowns."""
     return max(modes * (count - 1) - (count * D + D + 2) / 2, 1.0)
 
 
 def field_power(pressures: Complexes, noise: Reals) -> np.ndarray:
-    """Return s (M,) of the diffuse model: the power of the pressures less that of the noise."""
+    """Return s (M,) of the diffuse model: the power of the pressures minus that of the noise."""
     whole = mode_power(pressures)
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
 def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: room_modes.DiffuseModel) -> NewtonTerms:
-    """Return -log of the probability density by the diffuse model at positions `theta` (N D,), and its derivatives.
+    """Return -log probability density of the diffuse model at positions `theta` (N D,), up to a constant.
 
-    It is known up to a constant. The noise includes the power of position errors.
+    Its derivatives are included. `noise` (M,) includes the power that position errors add.
     """
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
@@ -87,7 +84,7 @@ def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: room_
         inverse = np.linalg.inv(C)
         u = inverse @ p
         cost += float(np.linalg.slogdet(C)[1]) + float((p.conj() @ u).real)
-        g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the field that fits
+        g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the fitted field
         widening = s * np.einsum("dne,en->nd", dW * w, W.T @ inverse)
         gradient += 2 * widening - 2 * np.real(u.conj() * g).T
         hessian += 2 * np.real(np.einsum("an,nk,bk->nakb", g.conj(), inverse, g))
@@ -103,7 +100,7 @@ class Exact:
     prior: Reals
     residual: Complexes  # (M, N) complex128, in standard deviations of the noise
     fitted: Complexes  # (M, N) complex128, A_m g_m, in the unit of the pressures
-    # (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
+    # (M N, P) complex128, of the residual, by Kaufman's approximation, which omits the derivative of A_m
     jacobian: np.ndarray
 
     @property
@@ -119,8 +116,8 @@ class Exact:
         return NewtonTerms(self.cost, gradient, 2 * np.real(J.conj().T @ J) + 2 * np.diag(weights))
 
 
-ADMITTANCE_SIGMA = 0.05  # of the real and of the imaginary part
-DIFFERENCE = 1e-6  # of the admittance or of a relative length, for a derivative
+ADMITTANCE_SIGMA = 0.05  # prior sigma of the real and the imaginary part
+DIFFERENCE = 1e-6  # step of the numerical derivatives by the admittance and by relative lengths
 
 
 @np.errstate(all="ignore")
@@ -132,9 +129,9 @@ def exact(
     size: Sequence[float] | Reals,
     slopes: bool = True,
 ) -> Exact:
-    """Return the exact model's residual, and its Jacobian if `slopes`; without it the Jacobian has no rows.
+    """Return the exact model's residual, and its Jacobian if `slopes`; otherwise the Jacobian has no rows.
 
-    Values without bound, as far outside of a room of another size, give a cost that no step is taken to.
+    Far outside the room values may overflow; the cost is then not finite, and no step is taken.
     """
     N, D = pressures.shape[1], len(size)
     source_at, walls_at, lengths_at = N * D, N * D + D, N * D + D + 2
@@ -208,10 +205,10 @@ def fitted_size(
     size: Sequence[float] | Reals,
     residual: float,
 ) -> SizeFit:
-    """Return the lengths of the room that fit best, everything else adapting to them.
+    """Return the lengths of the room that fit best together with all other unknowns.
 
-    It starts at the solution `theta` with the given size. Where its reduced chi-square `residual` is small, one step is
-    enough.
+    The fit starts at the solution `theta` for the given size. If its reduced chi-square `residual` is small, one step
+    is enough.
     """
     N, D = pressures.shape[1], len(size)
     model = pressures, noise, wavenumbers, size
@@ -238,22 +235,22 @@ WIDTHS = (0.006, 0.04)  # rad/m, half widths of resonances that are tried
 
 @dataclass(frozen=True)
 class ArrayCandidate:
-    """An array that the search has found: half the width of a resonance, rad/m, and positions (N, D), metres."""
+    """An array that the search has found."""
 
-    width: float
-    positions: np.ndarray
+    width: float  # rad/m, half width of a resonance
+    positions: np.ndarray  # (N, D) float64, metres
 
 
 @dataclass(frozen=True)
 class SourceCandidate:
-    """A place of the source that the search has found, (D,) float64, metres, and the admittance of the walls."""
+    """A position of the source that the search has found."""
 
-    place: np.ndarray
-    admittance: float
+    place: np.ndarray  # (D,) float64, metres
+    admittance: float  # of the walls
 
 
-POINTS_PER_WAVE = 8  # lattice points in the shortest wavelength
-MAX_POINTS = 8000  # points of a lattice; it is coarser otherwise
+POINTS_PER_WAVE = 8  # lattice points per shortest wavelength
+MAX_POINTS = 8000  # of a lattice; its step is enlarged where there would be more
 
 
 def lattice_step(wavenumbers: Numbers, size: Sequence[float] | Reals) -> float:
@@ -263,20 +260,20 @@ def lattice_step(wavenumbers: Numbers, size: Sequence[float] | Reals) -> float:
 
 
 def lattice(size: Sequence[float] | Reals, step: float) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return coordinates along each axis, about `step` apart, and every point (C, D), the last coordinate fastest."""
+    """Return coordinates along each axis, about `step` apart, and all points (C, D), with the last axis fastest."""
     counts = [max(2, round(length / step)) for length in size]
     axes = [(np.arange(n) + 0.5) * length / n for n, length in zip(counts, size, strict=True)]
     return axes, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
 def noise_with_errors(noise: Reals, wavenumbers: Numbers, D: int, error: float) -> np.ndarray:
-    """Return the noise (M,) and the power that position errors of `error` metres add to it."""
+    """Return the noise (M,) plus the power that position errors of `error` metres add."""
     return noise + np.minimum((np.real(wavenumbers) * error) ** 2 / D, 0.5)
 
 
-SEARCH_MODES = 30  # lowest modes with which arrays are searched for
-LATTICE_ERROR = 0.6  # lattice steps that a microphone may be from its lattice point
-PLACED_AGAIN = 3  # of those, arrays whose microphones are placed again
+SEARCH_MODES = 30  # lowest modes that the search for arrays uses
+LATTICE_ERROR = 0.6  # distance of a microphone from its lattice point that is assumed, in lattice steps
+PLACED_AGAIN = 3  # number of the likeliest arrays whose microphones are placed a second time
 
 
 def find_arrays(
@@ -300,13 +297,13 @@ def find_arrays(
 
 
 CANDIDATES = 6  # arrays that are kept for each width
-BLOCK = 16  # places of the loudest microphone that are computed at a time
-MAX_NEIGHBOURS = 12  # microphones that predict where another one is
-MAX_PASSES = 3  # in which the microphones of an array are placed again
+BLOCK = 16  # positions of the loudest microphone that are computed together
+MAX_NEIGHBOURS = 12  # microphones from which the position of another one is predicted
+MAX_PASSES = 3  # number of times that the microphones of an array are placed again
 
 
 class LatticePoints:
-    """Points (C, D), and what the diffuse model gives at them for any array."""
+    """Points (C, D), metres, and the diffuse model at these points."""
 
     def __init__(self, points: np.ndarray, pressures: Complexes, noise: Reals, model: room_modes.DiffuseModel):
         self.points, self.p, self.noise, self.model = points, pressures, noise, model
@@ -370,16 +367,16 @@ class LatticePoints:
         return positions
 
 
-FINER = 1.5  # points of the source's lattice in a step of that of the arrays
-ADMITTANCES = (0.0, 0.01, 0.04)  # of the walls, tried with every place of the source
-SOURCES = 4  # places of the source that are returned
-MIN_DISTANCE = 2.0  # lattice steps between two of them
+FINER = 1.5  # lattice step of an array search over that of a source search
+ADMITTANCES = (0.0, 0.01, 0.04)  # of the walls, tried with every position of the source
+SOURCES = 4  # number of source positions that are returned
+MIN_DISTANCE = 2.0  # lattice steps, least distance between two of them
 
 
 def find_sources(
     positions: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
 ) -> list[SourceCandidate]:
-    """Return places of the source, some lattice steps apart, the likeliest first."""
+    """Return candidates for the source, some lattice steps apart, the likeliest first."""
     step = lattice_step(wavenumbers, size) / FINER
     axes, points = lattice(size, step)
     rooms = [room_modes.point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
@@ -394,7 +391,7 @@ def find_sources(
     return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[int(best[c])]) for c in chosen]
 
 
-UNEXPLAINED = 0.05  # fraction of the power that a lattice leaves unexplained
+UNEXPLAINED = 0.05  # fraction of the power that the error of a lattice point leaves unexplained
 
 
 def _source_costs(
@@ -414,13 +411,13 @@ def _source_costs(
     return cost
 
 
-BETTER = 0.3  # a microphone is relocated to where it leaves less than this part of its residual power
+BETTER = 0.3  # a microphone is relocated if this reduces its residual power to less than this fraction
 
 
 def relocate(
     positions: Reals, walls: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
 ) -> np.ndarray:
-    """Return `positions` with each microphone that fits far better elsewhere put there : (N, D).
+    """Return `positions` (N, D), with microphones that fit far better at another lattice point moved to it.
 
     `walls` (D + 2,) holds the source, metres, and the admittance, real and imaginary part.
     """
@@ -454,7 +451,7 @@ def _everywhere(weights: Numbers, along: Sequence[Numbers], m: int) -> np.ndarra
 TRAITS = Traits(moves_all=True, needs_room=True)
 
 
-# a phase ends when no coordinate moves further than so many metres, or after so many steps
+# tolerance, metres, and number of steps: a phase ends when no coordinate moves further, or after these steps
 PHASES = {"diffuse": (3e-3, 12), "rough": (1e-3, 12), "relocated": (1e-3, 12), "exact": (1e-6, 20)}
 
 PhaseName = Literal["search", "diffuse", "source", "rough", "relocated", "exact"]
@@ -464,8 +461,8 @@ PhaseName = Literal["search", "diffuse", "source", "rough", "relocated", "exact"
 class Phase:
     """The present stage."""
 
-    name: PhaseName  # one of those at the top of this module
-    spread: int  # index into the lattice errors that phase "diffuse" goes through
+    name: PhaseName
+    spread: int  # index into LATTICE_ERRORS, for phase "diffuse"
     steps: int  # taken in this stage
     damping: float  # of the next step
 
@@ -482,25 +479,25 @@ class RoomOptimum:
 
 @dataclass(frozen=True)
 class Restarts:
-    """What is left to try, and what was found."""
+    """The candidates that are left, and the optima found so far."""
 
-    arrays: tuple[ArrayCandidate, ...] = ()  # candidates of the array search, the next first
-    sources: tuple[SourceCandidate, ...] = ()  # candidates of the source search for the present array, the next first
-    best: RoomOptimum | None = None  # the best local optimum of phase "exact"
-    rejected: RoomOptimum | None = None  # the best of those before phase "exact", which left too much unexplained
+    arrays: tuple[ArrayCandidate, ...] = ()  # from the array search, the next one first
+    sources: tuple[SourceCandidate, ...] = ()  # from the source search for the present array, the next one first
+    best: RoomOptimum | None = None  # the best optimum of phase "exact"
+    rejected: RoomOptimum | None = None  # the best optimum that left too much unexplained for phase "exact"
 
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """Noise power (M,) of all modes measured, in the unit of abs(pressures)**2, and whether it was reported."""
+    """The noise of the measurement."""
 
-    power: np.ndarray
-    given: bool
+    power: np.ndarray  # (M,) float64, of all modes, in the unit of abs(pressures)**2
+    given: bool  # whether it was reported
 
 
 @dataclass(frozen=True)
 class State(RunState):
-    """Everything `step` needs; `cost`: in phase "exact" squared residuals over the noise; before, -log likelihood."""
+    """Everything that `step` needs; `cost` is a chi-square in the phases with the exact model, else -log likelihood."""
 
     solver: ClassVar[str] = "room"
 
@@ -525,7 +522,7 @@ class State(RunState):
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
     """Return the first state: the microphones in the middle of the room, and phase "search" next.
 
-    With `positions` (N, D), metres, phase "diffuse" starts at these; nothing is drawn by the `seed`.
+    With `positions` (N, D), metres, phase "diffuse" starts at these instead. The solver draws no random numbers.
     """
     size = _require_room(problem, settings)
     N, D = problem.pressures.shape[1], len(size)
@@ -542,7 +539,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     )
 
 
-NOISE_GUESS = 1e-4  # where none is reported
+NOISE_GUESS = 1e-4  # noise fraction that is assumed where none is reported
 
 
 def _noise(problem: Problem, settings: SolverSettings) -> MeasurementNoise:
@@ -551,12 +548,12 @@ def _noise(problem: Problem, settings: SolverSettings) -> MeasurementNoise:
     if settings.snr_db is not None:
         return MeasurementNoise(frozen_array(power / (1 + 10 ** (settings.snr_db / 10)), float), True)
     reported = problem.noise_power if settings.noise == "reported" else None
-    if reported is not None and np.all(reported > 0):  # a simulation without noise is still no exact room
+    if reported is not None and np.all(reported > 0):  # even a simulation without noise differs from the exact model
         return MeasurementNoise(frozen_array(reported, float), True)
     return MeasurementNoise(frozen_array(NOISE_GUESS * power, float), False)
 
 
-MIN_NOISE = 1e-6  # where it is reported that there is none
+MIN_NOISE = 1e-6  # least noise fraction
 
 
 def scaled(problem: Problem, state: State, modes: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -586,8 +583,8 @@ def step(problem: Problem, state: State) -> State:
     return _following(problem, state, moved < tolerance) if ended else state
 
 
-ROUGH_NOISE = 1e-3  # added until the admittance of the walls is known
-LATTICE_ERRORS = (0.3, 0.1, 0.03)  # lattice steps, of the stages of phase "diffuse"
+ROUGH_NOISE = 1e-3  # noise fraction that is added before phase "exact"
+LATTICE_ERRORS = (0.3, 0.1, 0.03)  # position errors, lattice steps, assumed in the stages of phase "diffuse"
 MARGIN = 1e-3  # metres, least distance between a microphone and a wall
 MAX_ADMITTANCE = 0.2  # of the walls
 
@@ -620,23 +617,23 @@ def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State
     return replace(state, positions=positions, walls=walls, cost=trial.cost, phase=phase), trial.moved
 
 
-CONFIRMED = 1.5  # times the reported noise: a local optimum that leaves less needs no restart
-REJECTED = 6.0  # times ROUGH_NOISE and noise: a local optimum that leaves more has no phase "exact"
-EXACT_DAMPING = 1e-2  # of the first step of the exact model
+CONFIRMED = 1.5  # residual over the noise below which an optimum needs no restart
+REJECTED = 6.0  # residual over noise and ROUGH_NOISE above which an optimum is not refined in phase "exact"
+EXACT_DAMPING = 1e-2  # of the first step with the exact model
 
 
 def _following(problem: Problem, state: State, converged: bool) -> State:
-    """Return what follows the end of a phase, which was reached because no microphone moved if `converged`.
+    """Return the state after the end of a phase; `converged` says whether it ended because no microphone moved.
 
-    search     a restart, with the first array
-    diffuse    diffuse with the next lattice error; after the last one, source
-    source     a restart, with the first place of the source
-    rough      exact if enough is explained, otherwise relocated
-    relocated  exact if enough is explained, otherwise a restart; if none is left, exact from the best so far
-    exact      the end if the noise explains the rest, or for the second time the same optimum; otherwise a restart;
-               if none is left, the end
+    search     followed by a restart with the first array
+    diffuse    by diffuse with the next lattice error; after the last one by source
+    source     by a restart with the first source position
+    rough      by exact if enough is explained, otherwise by relocated
+    relocated  by exact if enough is explained, otherwise by a restart; if none is left, by exact from the best optimum
+    exact      by the end if the noise explains the residual, if the same optimum was found twice, or if no restart is
+               left; otherwise by a restart
 
-    restart    rough from the next place of the source; if none is left, diffuse from the next array
+    A restart begins phase rough at the next source position or, if none is left, phase diffuse with the next array.
     """
     state = replace(state, stage=state.stage + 1, phase=replace(state.phase, steps=0))
     name, spread, tried = state.phase.name, state.phase.spread, state.restarts
@@ -671,7 +668,7 @@ def _begin(state: State, name: PhaseName, spread: int, damping: float = FIRST_DA
 
 
 def _restart(state: State) -> State | None:
-    """Return the next restart; None if none is left."""
+    """Return the state at the next restart; None if none is left."""
     tried = state.restarts
     if tried.sources:
         source, *others = tried.sources
@@ -685,11 +682,11 @@ def _restart(state: State) -> State | None:
     return None
 
 
-SAME_COST = 0.02  # relative difference of the costs of two restarts that have found the same optimum
+SAME_COST = 0.02  # relative difference of two costs below which they belong to the same optimum
 
 
 def _best(before: RoomOptimum | None, state: State, converged: bool) -> tuple[RoomOptimum, bool]:
-    """Return the better of two local optima, one of them that of the state, and whether their costs are the same."""
+    """Return the better of an earlier optimum and the present one, and whether their costs are the same."""
     here = RoomOptimum(state.positions, state.walls, state.cost, converged)
     if before is None:
         return here, False
@@ -698,9 +695,9 @@ def _best(before: RoomOptimum | None, state: State, converged: bool) -> tuple[Ro
 
 
 def _finished(problem: Problem, state: State, best: RoomOptimum, left: float) -> State:
-    """Return the end of a run, in the symmetry nearest to the known microphones or in the corner at the origin.
+    """Return the last state of a run, in the symmetry nearest to the known microphones or in the corner at the origin.
 
-    Noise that was not reported is estimated: `left` is the squared residual over the noise and the freedom.
+    Noise that was not reported is estimated from `left`, the reduced chi-square.
     """
     size, D, x = state.size, len(state.size), best.positions
     if len(problem.known):
@@ -770,7 +767,7 @@ def result(problem: Problem, state: State) -> RoomEstimate:
     )  # fmt: skip
 
 
-MAX_RESPONSE = 1e7  # complex numbers of the exact model's response
+MAX_RESPONSE = 1e7  # complex numbers in the response of the exact model, at most
 
 
 def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ...]:

@@ -1,16 +1,16 @@
 """Where a solver starts: at random, in closed form from the lowest modes, or from the coherence between microphones.
 
-affine     At low frequency the field over the array is nearly affine, so the data matrix [Re p; Im p] of the lowest
-           modes, minus its mean over the microphones, has D dominant singular vectors: the positions up to an affine
-           map. Known microphones fix that map. Without them a first guess of it follows from the diffuse field, whose
-           gradient has the power k^2 / dimension in each direction, and the likelihood of all modes finds its metric,
-           D (D + 1) / 2 numbers.
-coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p_j)] / power = kappa(k r). All
-           frequencies together give the likeliest distance of every pair, good to about a tenth of itself: one source
-           excites few directions at a frequency. Unlike the affine start, it does not suppose that the array is small
-           against the wavelength. Distances of far pairs are ambiguous: the array is unfolded along its near ones
-           (Tenenbaum, de Silva and Langford, Science 290, 2000: isomap), and stress majorisation (de Leeuw, 1977)
-           brings in the others where they fit.
+affine     At low frequency the field over the array is nearly affine, so that the data matrix [Re p; Im p] of the
+           lowest modes, minus its mean over the microphones, has D dominant singular vectors: the positions up to an
+           affine map. Known microphones fix that map. Without them the diffuse field gives a first guess, because its
+           gradient has the power k^2 / dimension in each direction, and the likelihood of all modes then determines
+           the metric, which has D (D + 1) / 2 parameters.
+coherence  In a diffuse field two microphones at a distance r have the coherence E[p_i conj(p_j)] / power = kappa(k r).
+           All frequencies together give the likeliest distance of every pair, with an error of about a tenth, since one
+           source excites few directions at each frequency. Unlike the affine start, this one works for an array that is
+           not small against the wavelength. Distances of far pairs are ambiguous: the array is first unfolded along
+           near pairs (Tenenbaum, de Silva and Langford, Science 290, 2000: isomap), and stress majorisation (de Leeuw,
+           1977) then uses far pairs where they are consistent.
 """
 
 from dataclasses import replace
@@ -30,7 +30,7 @@ from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Return free microphones anywhere in the search domain and known ones in their places : (N, D) float64, metres."""
+    """Return free microphones drawn uniformly in the search domain, and known ones : (N, D) float64, metres."""
     if problem.search is None:
         raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
     low, size = np.array(problem.search.origin), np.array(problem.search.size)
@@ -39,15 +39,15 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-# numbers of lowest modes that give the shape, by dimension of the field: the first choice, then alternatives
+# numbers of lowest modes in an affine start, by dimension of the field: the first choice, then alternatives
 LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}
 
 
 def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple[str, int]]:
-    """Return the starts in the order in which they are tried: kind and number of modes, of an affine image the lowest.
+    """Return the starts in the order in which they are tried: the kind of each, and the number of modes that it uses.
 
-    The second is of another kind than the first: optima that agree then say more. Channels that are alike do
-    not mislead the low modes: their affine image then comes first.
+    The first two are of different kinds, so that their agreement means more. `affine_first` is for matched channels:
+    unequal ones distort the affine image.
     """
     counts = list(dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension]))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)
@@ -57,7 +57,10 @@ def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
-    """Return the positions (N, D), metres, of one start; kind, lowest: of `plan`; noise: fraction that is reported."""
+    """Return the positions (N, D), metres, of one start.
+
+    kind, lowest : as of `plan`; noise : reported noise fraction, or None
+    """
     if kind == "map":
         return affine(problem, modes, lowest)
     D = problem.array_dimension
@@ -73,8 +76,8 @@ def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
     """Return positions (N, D), metres, from the lowest modes, exact up to the gauge where the field is affine.
 
-    modes : that may be used, from the lowest up; lowest : how many of them give the shape. Without known microphones
-    the positions are about the origin.
+    modes : number of modes that may be used, from the lowest up; lowest : number of modes that give the shape. Without
+    known microphones the positions are centred on the origin.
     """
     shape, values, lowest = singular_vectors(problem, modes, lowest)
     if not len(problem.known):
@@ -110,14 +113,14 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
     return vectors[:D].T, values[:D], lowest
 
 
-METRIC_MODES = 28  # modes that the metric is first fitted to; then all
-# factors of the first guess that are tried: a field that is not quite affine makes the guess too large
+METRIC_MODES = 28  # modes to which the metric is first fitted, before all modes are used
+# factors on the first guess of the size that are tried; the guess is too large where the field is not quite affine
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-FIRST_NOISE = 0.1  # noise fraction of METRIC_MODES modes at an affine image of the positions
+FIRST_NOISE = 0.1  # noise fraction that is assumed in the first fit
 
 
 def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowest: int) -> np.ndarray:
-    """The shape of `singular_vectors` with the metric of greatest likelihood."""
+    """Return the shape of `singular_vectors` with the likeliest metric : (N, D), metres."""
     N, D = shape.shape
     k = np.real(problem.wavenumbers)
     guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
@@ -126,7 +129,8 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
     basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
     residual = None
     for count in (METRIC_MODES, METRIC_MODES, modes, modes):
-        several = min(count, modes)  # of which as many are used, evenly spaced, as a fit of few parameters needs
+        several = min(count, modes)
+        # A fit of few parameters needs about METRIC_PRESSURES pressures: every `apart`-th mode is used.
         apart = min(several * N // METRIC_PRESSURES, several // MIN_MODES)
         used = np.arange(several)[:: max(1, apart)]
         p, fraction = problem.pressures[used], np.full(len(used), FIRST_NOISE)
@@ -142,31 +146,27 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
     return guess
 
 
-# pressures, about, to which a metric is fitted, of so many modes at least
-METRIC_PRESSURES = 4000
-MIN_MODES = 24
-
-
-NOISE_MODES = 24  # modes from which its noise is estimated
+METRIC_PRESSURES = 4000  # approximate number of pressures to which a metric is fitted
+MIN_MODES = 24  # least number of modes to which a metric is fitted
+NOISE_MODES = 24  # modes from which the noise is estimated
 
 
 def _noise_at(problem: Problem, positions: Reals, modes: int) -> NoiseEstimate:
-    """Noise and position error of an isotropic field, from a part of the lowest `modes`."""
+    """Return noise and position error in an isotropic field, estimated from some of the lowest `modes`."""
     used = np.arange(modes)[:: max(1, -(-modes // NOISE_MODES))]
     p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
     field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
     return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
 
 
-# steps at most of the fit of the metric, and metres at which it ends
-METRIC_STEPS = 12
-METRIC_TOLERANCE = 3e-3
+METRIC_STEPS = 12  # steps of the fit of the metric at most
+METRIC_TOLERANCE = 3e-3  # metres; the fit ends when no coordinate moves further
 
 
 def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Reals) -> np.ndarray:
-    """Positions (N, D), metres, after damped steps along `basis` (N D, F), until the cost falls by less than 1."""
+    """Return positions (N, D), metres, after damped steps along `basis` (N D, F)."""
     x, damping = positions, FIRST_DAMPING
-    max_step = float(np.ptp(x, axis=0).max()) / 2  # a huge array would need expansions of a huge order
+    max_step = float(np.ptp(x, axis=0).max()) / 2  # a very large array would need expansions of a very high order
 
     for _ in range(METRIC_STEPS):
         terms = likelihood_terms(x, pressures, field)
@@ -187,13 +187,13 @@ def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Re
     return x
 
 
-# of the given positions, on which an array is laid, at most; with 3 of them 2 of 24 arrays with 9 to 20 given positions
-# are lost
+# subsets of the given positions on which an array is aligned, at most; with 3 subsets 2 of 24 arrays with 9 to 20 given
+# positions are lost
 SUBSETS = 40
 
 
 def best_subset(x: Reals, places: Reals) -> np.ndarray:
-    """Return the indices of the D + 1 points of `x` (A, D) with the least median error when laid on `places` (A, D)."""
+    """Return the D + 1 points of `x` (A, D) whose alignment with `places` (A, D) has the least median error."""
 
     def error(chosen: tuple[int, ...]) -> float:
         return float(np.median(np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)))
@@ -203,7 +203,7 @@ def best_subset(x: Reals, places: Reals) -> np.ndarray:
 
 
 def aligned(problem: Problem, x: Reals) -> np.ndarray:
-    """Return a blind array on the given positions, by the `best_subset` of them."""
+    """Return a blind array aligned with the given positions by the `best_subset` of them."""
     chosen = best_subset(x[problem.known], problem.known_positions)
     return onto(x, problem.known[chosen], problem.known_positions[chosen])
 
@@ -215,16 +215,16 @@ def onto(x: Reals, known: np.ndarray, places: Reals) -> np.ndarray:
     return align(x, target, known)
 
 
-MAX_PRODUCTS = 3e5  # pressure products M N (N - 1) / 2 at most; of more modes a part is taken
-# noise fractions to choose from where none is reported; the first is the least in any case
+MAX_PRODUCTS = 3e5  # pressure products M N (N - 1) / 2 at most; some of the modes are used where there are more
+# noise fractions that are tried where none is reported; the first one is also the least fraction that is assumed
 NOISE_FRACTIONS = (1e-2, 3e-2, 0.1, 0.3)
-NEIGHBOURS = 10  # nearest microphones of each along which the array is unfolded
-# times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
+NEIGHBOURS = 10  # number of nearest microphones of each that are connected when the array is unfolded
+# distance times the largest k beyond which a pair has the weight FAR_WEIGHT, for each round of majorisation
 REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
-FAR_WEIGHT = 0.1  # weight of these
-SCATTER = 0.2  # relative error of a distance; pairs that disagree by more with the array count less
+FAR_WEIGHT = 0.1
+SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array get less weight
 ITERATIONS = 30  # of majorisation in a round
-MAX_RADIUS = 2.5  # distance from the middle over the median of all; a channel beyond starts in the middle
+MAX_RADIUS = 2.5  # distance from the middle, in medians over the microphones, beyond which one is put in the middle
 
 
 def coherence_start(
@@ -260,14 +260,13 @@ def coherence_start(
     return np.where(outliers[:, None], np.median(x, axis=0), x)
 
 
-DISTANCES = 60  # candidates of a distance, geometrically spaced
-# the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
-SHORTEST = 0.04
-LONGEST = 3.0
+DISTANCES = 60  # number of candidates of a distance, geometrically spaced
+SHORTEST = 0.04  # smallest candidate times the largest k
+LONGEST = 3.0  # largest candidate times the smallest k
 
 
 def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimension: int) -> tuple[np.ndarray, float]:
-    """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
+    """Return the likeliest distances (N, N) between microphones, metres, and the sum of their -log likelihoods.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
     """
@@ -278,7 +277,7 @@ def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimen
     candidates = np.geomspace(SHORTEST / float(k.max()), LONGEST / float(k.min()), DISTANCES)
     kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, NOISE_FRACTIONS[0]))
     det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
-    cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]
+    cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]  # (DISTANCES, pairs)
     distance = np.zeros((N, N))
     distance[i, j] = distance[j, i] = candidates[np.argmin(cost, axis=0)]
     return distance, float(cost.min(axis=0).sum())
@@ -289,13 +288,13 @@ def _distances(x: Reals) -> np.ndarray:
 
 
 def _unfolded(distance: Reals, neighbours: int, axes: int) -> np.ndarray:
-    """Positions (N, axes) by classical scaling of the shortest paths over near neighbours."""
+    """Return positions (N, axes), metres, by classical scaling of the shortest paths over near neighbours."""
     N = len(distance)
     near = np.argsort(distance + np.diag(np.full(N, np.inf)), axis=1)[:, :neighbours]
     graph, rows = np.zeros((N, N)), np.arange(N)[:, None]
     graph[rows, near] = distance[rows, near]
     path: Reals = shortest_path(np.maximum(graph, graph.T), directed=False)
-    path = np.where(np.isfinite(path), path, distance)  # groups far from each other
+    path = np.where(np.isfinite(path), path, distance)  # there is no path between separate groups
     centre = np.eye(N) - 1 / N
     values, vectors = np.linalg.eigh(-0.5 * centre @ path**2 @ centre)
     return vectors[:, -axes:] * np.sqrt(np.maximum(values[-axes:], 1e-6 * values[-1]))

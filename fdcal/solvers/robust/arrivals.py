@@ -1,20 +1,21 @@
-"""Arrival times of the direct sound as one more term of the cost; the source of each take is anywhere.
+"""Arrival times of the direct sound as a term of the cost; the position of each take's source is unknown.
 
     r_tn = c tau_tn - b_t - g(x_n - x_0, u_t, q_t)
     g    = |x_n - y_t| - |x_0 - y_t| = (q z^2 - 2 u . z) / (1 + s),   s = sqrt(1 - 2 q u . z + q^2 z^2)
 
-y_t is the place of the source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, q_t one over
-the distance of the source: a plane wave is q = 0, where nothing is singular. From g (2 + q g) = q z^2 - 2 u . z follow
-the derivatives
+y_t is the position of the source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, and q_t one
+over the distance of the source. A plane wave has q = 0, where nothing is singular. The derivatives follow from
+g (2 + q g) = q z^2 - 2 u . z:
 
     dg / du = -z / s,    dg / dq = (z^2 - g^2) / (2 s),    dg / dz = (q z - u) / s
 
-The residuals have a Student t distribution of NU degrees of freedom, since a time may be that of a reflection. u_t, q_t
-and the time of emission b_t are profiled out for each take: at their optimum the gradient by the positions is that at
-fixed u, q and b, and the Gauss-Newton matrix is the Schur complement (Golub and Pereyra, "The Differentiation of
-Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", SIAM J. Numer. Anal. 10(2), 1973).
+The residuals have a Student t distribution of NU degrees of freedom, since a time may belong to a reflection. u_t, q_t
+and the path b_t (c times the time of emission) are profiled out for each take: at their optimum the gradient with
+respect to the positions equals that at fixed u, q and b, and the Gauss-Newton matrix is the Schur complement (Golub and
+Pereyra, "The Differentiation of Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", SIAM J.
+Numer. Anal. 10(2), 1973).
 
-A delay d_n of a channel is taken off c tau_tn. One take does not tell it from the position of the microphone.
+The delay d_n of a channel is subtracted from c tau_tn. One take cannot distinguish it from the microphone's position.
 """
 
 from dataclasses import dataclass, replace
@@ -30,11 +31,11 @@ NU = 3.0  # degrees of freedom of a residual
 
 @dataclass(frozen=True)
 class TakeSources:
-    """Direction u (T, dimension), inverse distance q (T,), 1/m, and path b (T,), m, of the source of each take."""
+    """The source of each take."""
 
-    direction: np.ndarray
-    inverse: np.ndarray
-    emission: np.ndarray
+    direction: np.ndarray  # (T, dimension) float64, u, unit vectors
+    inverse: np.ndarray  # (T,) float64, q, 1/m
+    emission: np.ndarray  # (T,) float64, b, metres
 
 
 @dataclass(frozen=True)
@@ -42,48 +43,46 @@ class ArrivalTerms:
     """The term at some positions."""
 
     cost: float  # nats
-    # (T, F) float64, of each take, by the N D coordinates, the N delays, if there are any, and the logarithm of the
-    # sound speed
+    # (T, F) float64, of each take, with respect to the N D coordinates, the N delays if they are unknown, and the
+    # logarithm of the sound speed
     gradient: np.ndarray
     matrix: Reals  # (F, F) float64, Gauss-Newton matrix of all takes
     # residual, weight: (T, N) float64, metres and 1/m^2; 0 where there is no arrival
     residual: Reals
     weight: Reals
-    # (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
+    # (T, N, F) float64, derivatives of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
     slopes: Reals
-    count: Reals  # (T,) float64, arrivals beyond those that fix the source
-    source: TakeSources  # the likeliest
+    count: Reals  # (T,) float64, number of arrivals minus the number of unknowns of the source
+    source: TakeSources  # the likeliest source of each take
 
 
-# Levenberg-Marquardt steps at most, and nats that another promises when it ends
-MAX_STEPS = 40
-MIN_DECREASE = 1e-9
-# of the first step, and at least
+MAX_STEPS = 40  # Levenberg-Marquardt steps of the fit of the sources
+MIN_DECREASE = 1e-9  # nats; the fit ends when the next step promises less
+# damping of the first step, and least damping
 DAMPING = 1e-3
 MIN_DAMPING = 1e-9
-NEAREST = 0.1  # metres, from the middle of the array to the source
-MIN_CURVATURE = 0.1  # of a residual's cost, over its weight: that of an outlier is negative
-# times one over the radius of the array: inverse distances from which the fit begins
-STARTS = (0.0, 0.6)
+NEAREST = 0.1  # metres, least distance of a source from the middle of the array
+MIN_CURVATURE = 0.1  # least curvature of a residual's cost over its weight; that of an outlier would be negative
+STARTS = (0.0, 0.6)  # inverse distances from which the fit begins, times the radius of the array
 
 
 @dataclass(frozen=True)
 class Arrivals:
     """Arrivals of the takes that have enough of them."""
 
-    paths: Reals  # (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
-    used: Bools  # (T, N) bool
-    # sigma, stated: (T,) float64, metres, of an arrival, assumed and as measured
+    paths: Reals  # (T, N) float64, metres, arrival times multiplied by the measurement's sound speed; 0 without arrival
+    used: Bools  # (T, N) bool, which arrivals there are
+    # sigma, stated: (T,) float64, metres, one sigma of an arrival, as assumed and as the measurement states
     sigma: Reals
     stated: Reals
     dimension: int  # of the space of the sources
-    # from which the fit begins: positions near by have one near by; None to begin without one, far slower
+    # where the fit of the sources begins, as found for similar positions; None for a search, which is far slower
     start: TakeSources | None = None
 
     def terms(
         self, positions: Reals, log_speed: float = 0.0, derivatives: bool = True, delays: Reals | None = None
     ) -> ArrivalTerms:
-        """Return the term at positions (N, D) and delays (N,), metres; without derivatives its cost alone."""
+        """Return the term at positions (N, D) and delays (N,), metres, with derivatives if wanted."""
         (N, D), T = positions.shape, len(self.paths)
         z = self._padded(positions - positions.mean(axis=0))
         arrived = self.paths * np.exp(log_speed)
@@ -117,7 +116,7 @@ class Arrivals:
         paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
         u, b = self._plane_waves(paths, z)
         wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self.median(paths + u @ z.T - b[:, None])))
-        for _ in range(2):  # now with the curvature of the front
+        for _ in range(2):  # now with curved wave fronts
             r = wide._residuals(paths, z, wide._sources(paths, z))[0]
             wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * self.median(r)))
         return wide.sigma
@@ -158,12 +157,12 @@ class Arrivals:
         return J
 
     def _at_bound(self, slope: Reals, r: Reals, inverse: Reals) -> np.ndarray:
-        """Which sources are as far, or as near, as they may be, and would be farther, or nearer : (T,) bool."""
+        """Which sources are at a bound of their distance and would cross it in the next step : (T,) bool."""
         gradient = (slope * r).sum(axis=1)
         return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / NEAREST) & (gradient < 0))
 
     def _sources(self, paths: Reals, z: Reals) -> TakeSources:
-        """The likeliest source of each take, from several distances."""
+        """The likeliest source of each take, from starts at several distances."""
         radius = float(np.sqrt(np.sum(z**2, axis=1).mean())) or 1.0
         direction, emission = self._plane_waves(paths, z)
         (T, _), starts = paths.shape, np.array(STARTS)
@@ -175,9 +174,9 @@ class Arrivals:
         return TakeSources(found.direction[best], found.inverse[best], found.emission[best])
 
     def _plane_waves(self, paths: Reals, z: Reals) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (T, dimension) and emissions (T,), metres, by least squares that weigh outliers down."""
+        """Directions (T, dimension) and paths b (T,), metres, of plane waves, by least squares that reject outliers."""
         A = np.column_stack([z, np.ones(len(z))])
-        flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the direction of which a plane array shows least
+        flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the shortest axis of the array
         fit = self._consensus(paths, A)
         for _ in range(3):
             r = paths - fit @ A.T
@@ -195,7 +194,7 @@ class Arrivals:
         return u / np.linalg.norm(u, axis=1, keepdims=True), fit[:, -1]
 
     def _consensus(self, paths: Reals, A: Reals) -> np.ndarray:
-        """Fit (T, K) of paths by A (N, K) of the least median residual, over small subsets of the microphones.
+        """The fit (T, K) of the paths by A (N, K) with the least median residual, among fits to small subsets.
 
         P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
         """
@@ -248,18 +247,18 @@ class Arrivals:
         return source, cost
 
 
-SUBSETS = 40  # of microphones, to which a plane wave is fitted to begin with
+SUBSETS = 40  # subsets of the microphones, to each of which a plane wave is fitted
 
 
 @lru_cache(maxsize=4)
 def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
-    """Orders of the microphones (`SUBSETS`, T, N) int64, drawn, those that have an arrival first."""
+    """Random orders of the microphones (`SUBSETS`, T, N) int64, in which those with an arrival come first."""
     missing = ~np.frombuffer(used, bool).reshape(takes, microphones)
     return frozen_array(np.argsort(np.random.default_rng(0).random((SUBSETS, *missing.shape)) + missing), np.int64)
 
 
 def _tangents(u: Reals) -> np.ndarray:
-    """Orthonormal bases (T, dimension, dimension - 1) across unit vectors (T, dimension), by reflection."""
+    """Orthonormal bases (T, dimension, dimension - 1) perpendicular to unit vectors (T, dimension), by reflection."""
     v = np.array(u)
     v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
     reflected = v[:, :, None] * (-2 / (v**2).sum(axis=1)[:, None, None] * v[:, None, 1:])
@@ -268,13 +267,13 @@ def _tangents(u: Reals) -> np.ndarray:
 
 
 def _bases(J: Reals) -> np.ndarray:
-    """Orthonormal bases (T, N, K) of the columns of matrices (T, N, K); columns of what is undetermined are 0."""
+    """Orthonormal bases (T, N, K) of the column spaces of matrices (T, N, K); columns beyond the rank are 0."""
     U, values, _ = np.linalg.svd(J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300), full_matrices=False)
     return U * (values > 1e-7)[:, None]
 
 
 def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
-    """Return the arrivals of a problem, with `sigma` (T,), metres, of every take, as stated unless given; or None."""
+    """Return the arrivals of a problem with `sigma` (T,), metres, or the stated sigma; None without enough arrivals."""
     if problem.arrivals is None or problem.arrival_sigma is None:
         return None
     enough = counted(problem)
@@ -289,9 +288,9 @@ def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
 
 
 def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
-    """Return how far the arrivals of each take are from those at some positions : (T, N) float64, metres.
+    """Return the absolute residuals (T, N) float64, metres, of the arrivals at some positions; NaN without an arrival.
 
-    NaN where there is none; None of a problem without arrivals.
+    The result is None for a problem without arrivals.
     """
     arrivals = arrivals_of(problem, None)
     if arrivals is None:
@@ -301,33 +300,31 @@ def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | Non
 
 
 def counted(problem: Problem) -> np.ndarray:
-    """Return which takes have more arrivals than fix their source : (T,) bool."""
+    """Return which takes have more arrivals than unknowns of their source : (T,) bool."""
     assert problem.arrivals is not None
     return np.sum(np.isfinite(problem.arrivals), axis=1) > problem.dimension + 1
 
 
-PRIOR_COUNT = 4.0  # observations that the stated sigma is worth
+PRIOR_COUNT = 4.0  # weight of the stated sigma, in arrivals
 
 
 def hyper_cost(arrivals: Arrivals) -> float:
-    """Return -log density of the sigmas, up to a constant: the stated one is worth `PRIOR_COUNT` arrivals."""
+    """Return -log density of the sigmas in their prior, up to a constant."""
     ratio = arrivals.sigma / arrivals.stated
     return float(PRIOR_COUNT * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
 
 
-MIN_SPREAD = 5e-3  # metres, least error of the positions before the arrivals count
+MIN_SPREAD = 5e-3  # metres, least error that is assumed of the positions before arrivals are used
 CONSTRAINED_STIFFNESS = 1e16  # 1/m^2, stiffness of a microphone whose position is exact
-ROUNDS = 15  # of positions and sigma before the arrivals count
+ROUNDS = 15  # iterations of positions and sigma in `near_positions`
 
 
 def near_positions(
     arrivals: Arrivals, positions: np.ndarray, spread: float, constrained: Integers
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
+    """Return the positions (N, D) near `positions` that fit the arrivals best, and the sigma (T,) of these, metres.
 
-    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; constrained : (A,) int64,
-    those that do not move. Times of several takes that agree with one array are right, wherever the array was
-    thought to be.
+    spread : one sigma of a coordinate of `positions`, metres; constrained : (A,) int64, microphones that do not move
     """
     x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, MIN_SPREAD) ** 2)
     stiffness[constrained] = CONSTRAINED_STIFFNESS
@@ -344,19 +341,19 @@ def near_positions(
     return x, arrivals.sigma
 
 
-OUTLIER = 4.0  # times a robust scatter, residuals that are left out of sigma
+OUTLIER = 4.0  # robust standard deviations beyond which a residual does not count in sigma
 MIN_SIGMA = 0.2  # least sigma over the stated one
-MAX_CHANGE = 4.0  # factor by which sigma changes at once, at most
+MAX_CHANGE = 4.0  # largest factor by which one update changes sigma
 
 
 def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
-    """Return the sigma (T,), metres, of the arrivals by empirical Bayes (MacKay).
+    """Return the sigma (T,), metres, of the arrivals, by empirical Bayes (MacKay).
 
-    The squares of the residuals over how many of them the positions are not free to fit; the stated sigma counts as
-    `PRIOR_COUNT` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
-    1 / (1 + NU) of all are outliers.
+    It is the sum of the squared residuals over the number of residuals that the positions are not free to fit; the
+    stated sigma counts as `PRIOR_COUNT` of them. Outliers are left out, because the scale of a Student t distribution
+    breaks down where a fraction 1 / (1 + NU) of the values are outliers.
 
-    covariance : (F, F) float64, of what the arrivals depend on, after a step
+    covariance : (F, F) float64, of the unknowns that the arrivals depend on
     """
     r, used = np.abs(terms.residual), arrivals.used
     inside = used & (r <= OUTLIER * np.maximum(1.4826 * arrivals.median(r), arrivals.stated)[:, None])

@@ -1,13 +1,12 @@
-"""Channels that do not fit where they are.
+"""Search for the position, gain and delay of suspicious channels, which may be in a wrong basin or inverted.
 
-With channel n left out, the others predict its pressure at a place x as e_m(x) with the variance V_m(x). With a
-complex gain g in between,
+With channel n left out, the others predict its pressure at a position x as e_m(x), with the variance V_m(x). A channel
+of complex gain g then has the cost
 
     cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g),    g by weighted least squares
 
-so a channel of inverted polarity, and one in a wrong basin, both find their places. A single channel may also have a
-delay of more than a period, where that explains it much better; smaller ones, and high-passes, are found by the steps
-(`noise.with_filters`).
+A channel may also have a delay of more than a period, where that explains it much better. The steps of the solver find
+smaller delays and high-passes (`noise.with_filters`).
 """
 
 from dataclasses import replace
@@ -24,26 +23,30 @@ from .noise import with_noise
 from .objective import NU, constrained_positions, gains_are_free, used_modes, wavenumbers
 from .state import SUSPICIOUS, State
 
-SEARCH_MODES = 16  # of a search for other places; with all of them it takes 1.1 times the time
-MAX_EXAMINED = 6  # channels examined at once, a cap of time: of all, searches take 2.7 times as long
-# absolute log gain from which a gain is gross, as that of an inverted channel; without it the error of a blind circle
-# grows from 18 to 25 mm
+SEARCH_MODES = 16  # modes used in the search, to save time
+MAX_EXAMINED = 6  # channels examined at once, to save time
+# absolute log gain above which a gain is a gross fault, as of an inverted channel; without this rule the error of a
+# blind circle grows from 18 to 25 mm
 GROSS = 0.5
-# suspicious channels at most that may have a filter; without it six healthy channels get one, and an array with an
-# error of 5.4 mm and a claim of 1.1 mm is good
+# Filters are sought only with so few suspicious channels. Without this limit six healthy channels get a filter, and an
+# array with an error of 5.4 mm and a claimed sigma of 1.1 mm gets the verdict "good".
 MAX_FILTERED = 3
-SPACING = 0.125  # distance of candidates over the shortest wavelength
+SPACING = 0.125  # distance of candidates, in shortest wavelengths
 
 
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
-    """Return `state` with suspicious channels where they fit best (if `local`, near), and whether any was changed."""
+    """Return `state` with suspicious channels moved to where they fit best, and whether any was changed.
+
+    local : whether only positions near the present one are candidates
+    """
     used, model, gains = used_modes(problem, state, SEARCH_MODES), state.model, gains_are_free(state)
     p, k, power = problem.pressures[used], np.real(wavenumbers(problem, state)[used]), model.power[used]
     x, g, off, cut, tau = (
         np.array(v) for v in (state.positions, state.gains, state.offsets, model.filters, model.channel_noise)
     )
     spacing = SPACING * 2 * np.pi / float(k.max())
-    noise = model.noise[used] + power * (k * spacing / 2) ** 2 / problem.dimension  # a candidate is near the place only
+    # The nearest candidate is up to half a spacing away from the right position, which adds to the noise.
+    noise = model.noise[used] + power * (k * spacing / 2) ** 2 / problem.dimension
     suspects = [n for n in np.argsort(-tau)[:MAX_EXAMINED] if tau[n] > SUSPICIOUS]
     filters = gains and len(suspects) <= MAX_FILTERED
     sought = FILTER_GRID[int(local) :] if filters else FILTER_GRID[: int(not local)]
@@ -53,7 +56,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * np.array([[-1.0], [1.0]]) if local else x[tau < SUSPICIOUS]
-        stays = model.known_sigma == 0 and n in constrained_positions(problem, state)[0]  # whatever its channel does
+        stays = model.known_sigma == 0 and n in constrained_positions(problem, state)[0]
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
@@ -77,29 +80,29 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
     return with_noise(problem, elsewhere, rough=not gains), True
 
 
-# delays tried: the greatest, metres, times the sound speed, and how many
+# greatest delay that is tried, metres (times the sound speed), and number of delays
 MAX_DELAY = 0.7
 DELAY_COUNT = 41
-# filters tried: none, then delays; a corner is found by the steps, if it is any channel's
+# filters (delay, corner) that are tried: first none, then delays
 FILTER_GRID = [np.array([d, 0.0]) for d in (0.0, *(d for d in np.linspace(-MAX_DELAY, MAX_DELAY, DELAY_COUNT) if d))]
-FILTER_NATS = 8.0  # by which a filter must be likelier than a place and a gain alone
-COHERENT = 0.75  # fraction of the power that it must explain
+FILTER_NATS = 8.0  # nats by which a filter must lower the cost
+COHERENT = 0.75  # fraction of the power that a channel with a filter must share with its prediction
 
 
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
-    """Cost, candidate, log gain and filter, where a channel p (M,) with the filter `cut` (2,) fits best."""
+    """Return cost, candidate, log gain and filter where a channel p (M,) with the filter `cut` (2,) fits best."""
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     cost, value = _fitted(p * np.exp(-response), e, V)
     best = int(np.argmin(cost))
     price = 2 * np.sum(np.real(response))
-    if np.any(cut):  # among so many, some filter and place fit a channel of noise a little
+    if np.any(cut):  # some combination of filter and position fits even a channel of noise a little
         across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
         coherent = across > COHERENT * np.sum(np.abs(e[:, best]) ** 2) * np.sum(np.abs(p * np.exp(-response)) ** 2)
         price += FILTER_NATS if coherent else np.inf
     return float(cost[best] + price), best, value[best], cut
 
 
-CANDIDATES = 1500  # at most, a cap of memory
+CANDIDATES = 1500  # at most, to save memory
 
 
 def _lattice(x: Reals, spacing: float) -> np.ndarray:
@@ -112,7 +115,7 @@ def _lattice(x: Reals, spacing: float) -> np.ndarray:
 def _predicted(
     x: Reals, q: Complexes, candidates: Reals, k: Reals, power: Reals, noise: Reals, tau: Reals, dimension: int
 ):
-    """Prediction (M, C) at candidates (C, D) by microphones at x (N, D) of pressures q (M, N), and its variance."""
+    """Return the prediction (M, C) at candidates (C, D) from pressures q (M, N) at x (N, D), and its variance."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     across = np.linalg.norm(x[:, None] - candidates[None], axis=-1)
     e, V = np.empty((len(k), len(candidates)), complex), np.empty((len(k), len(candidates)))
@@ -130,15 +133,15 @@ def _predicted(
     return e, V
 
 
-# nepers and radians, of the prior of a gross gain, and its greatest value; without the prior 1 of 11 arrays does not
-# converge, without that value the error with a dead
-# channel grows from 4.6 to 5.2 mm, and its claim falls from 8.9 to 5.5 mm
+# nepers and radians, prior sigma of the gain in this search, and largest absolute log gain; without the prior 1 of 11
+# arrays does not converge; without the limit the error with a dead channel grows from 4.6 to 5.2 mm, while its claimed
+# sigma falls from 8.9 to 5.5 mm
 GROSS_GAIN_SIGMA = 0.05
 MAX_GAIN = 1.5
 
 
 def _fitted(p: Complexes, e: Complexes, V: Reals):
-    """Cost (C,) and log gain (C,) complex128 of a channel p (M,) of which e (M, C) is predicted with variance V."""
+    """Return cost (C,) and log gain (C,) complex128 of a channel p (M,) whose prediction is e (M, C), of variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))
     value = np.clip(np.real(value), -MAX_GAIN, MAX_GAIN) + 1j * np.imag(value)

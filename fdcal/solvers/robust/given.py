@@ -1,25 +1,24 @@
-"""Given positions that the pressures contradict no longer hold the array; two that were exchanged are put right.
+"""Tests whether given positions contradict the pressures; wrong ones are then ignored and exchanged ones corrected.
 
-Where the given positions and the pressures agree nothing changes. Otherwise the array is sought without given
-positions, and put where the likeliest of several hypotheses has it; the next steps hold the positions that are right.
+Where given positions and pressures agree nothing changes. Otherwise the array is found without given positions, several
+hypotheses on them are compared, and the next steps use the positions that the likeliest one takes as right.
 
     b = x + G t + d + e,   d ~ N(0, P),   e ~ N(0, s^2 I)
 
-b are the positions given of the microphones that a hypothesis holds to be right, x those of the free array and P their
-covariance, t a rigid motion, s one sigma of a given coordinate. With
-S = P + s^2 I and r = b - x, and t marginalised over,
+b are the given positions that a hypothesis takes as right, x the positions of the same microphones in the free array,
+P their covariance, G t a rigid motion, and s one sigma of a given coordinate. With S = P + s^2 I and r = b - x, and t
+marginalised over,
 
     -log evidence = [r^T S^-1 r - g^T W^-1 g + log det S + log det W + (n - c) log 2 pi] / 2 - log priors
     W = G^T S^-1 G,   g = G^T S^-1 r,   n coordinates, c columns of G
 
-A position that is wrong lies anywhere, its distance from the right one spread evenly over the orders of magnitude. s
-has a log-normal prior, and is maximised over.
+The distance of a wrong position from the right one has a log-uniform prior. s has a log-normal prior and takes its
+likeliest value.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -36,14 +35,14 @@ from . import objective as objectives
 from .channels import relocated
 from .state import FREE_STEPS, GIVEN_SIGMA, NEGLIGIBLE_DECREASE, STAGE_DAMPING, SUSPICIOUS, LocalOptimum, State
 
-EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
-# that sigma over the expected one from which all given positions are inaccurate; without it the error of 1 of 32
-# arrays with wrong given positions grows from 9 to 19 mm
+EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate that is assumed when exact given positions are tested
+# sigma of the given positions over the expected one from which all of them count as inaccurate; without it the error of
+# 1 of 32 arrays with wrong given positions grows from 9 to 19 mm
 INACCURATE = 2.0
 
 
 def resolved(problem: Problem, state: State) -> State:
-    """Return `state` with the likeliest hypothesis on the given positions where those assumed do not fit."""
+    """Return `state` with the likeliest hypothesis on the given positions where the present one does not fit."""
     exact = state.model.known_sigma == 0
     if exact or len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return state
@@ -53,25 +52,23 @@ def resolved(problem: Problem, state: State) -> State:
         found = free_array(problem, state, FREE_STEPS)
     except np.linalg.LinAlgError:
         return state
-    best = likely(problem, state, found)[0]
+    best = hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma)[0]
     moved = objectives.with_unknowns(state, replace(found.unknowns, positions=best.positions))
     places, wrong = frozen_array(problem.known_positions[best.order], float), frozen_array(~best.right, bool)
     model = replace(moved.model, places=places, contradicted=wrong, known_sigma=best.sigma)
     assumed = replace(moved, shape=moved.positions, model=model)
-    mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0  # the same positions count in both
+    mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0
     as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
     return state if as_before else assumed
 
 
-# by which another hypothesis must be likelier than exact positions as they are given; without it 2 of 12 arrays with
-# wrong exact positions are good
-MIN_ADVANTAGE = 3.0
+MIN_ADVANTAGE = 3.0  # nats by which a hypothesis must be likelier than the positions as they are given
 
 
 def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> GivenHypothesis | None:
-    """Return the likeliest hypothesis where the positions assumed do not fit the pressures, at the end of a run.
+    """Return the likeliest hypothesis at the end of a run, or None if the given positions fit the pressures.
 
-    Where positions are exact the search has left them as they are, whatever they do to the array. Here they are let go.
+    The solver never moves exact given positions. They are released here for the test.
     """
     if len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return None
@@ -80,19 +77,15 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
         noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > SUSPICIOUS))
         if not noisy and _agree(problem, state, free_array(problem, state, 0, terms)):
             return None
-        free = _let_go(problem, state) if exact else state
-        if exact:
-            found = free_array(problem, free, 0)
-            tried = hypotheses(found, problem.known, problem.known_positions, EXACT_SIGMA)
-        else:
-            found = free_array(problem, state, FREE_STEPS)
-            tried = likely(problem, state, found)
+        free, stated = (_released(problem, state), EXACT_SIGMA) if exact else (state, state.settings.known_sigma)
+        found = free_array(problem, free, 0 if exact else FREE_STEPS)
+        tried = hypotheses(found, problem.known, problem.known_positions, stated)
     except np.linalg.LinAlgError:
         return None
     best, known = tried[0], problem.known
     noise_there = free.model.channel_noise[known]
     wrong = ~best.right | (best.order != np.arange(len(known)))
-    wrong &= noise_there < SUSPICIOUS  # a channel that fits nowhere says nothing of its position
+    wrong &= noise_there < SUSPICIOUS  # a channel that fits nowhere says nothing about its position
     as_given = next(one for one in tried if np.all(one.right) and np.all(np.diff(one.order) > 0))
     if best.log_evidence - as_given.log_evidence < MIN_ADVANTAGE or not np.any(wrong):
         return None
@@ -100,8 +93,8 @@ def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> 
     return GivenHypothesis(best.positions, np.sqrt(np.maximum(variance[known], 0.0)), noise_there, wrong)
 
 
-def _let_go(problem: Problem, state: State) -> State:
-    """`state` with every exact given position free, its channels where they fit, and the noise that is then left."""
+def _released(problem: Problem, state: State) -> State:
+    """Return `state` after steps without given positions, with suspicious channels moved and the noise estimated."""
     damped, every = noise.is_damped(problem, state), np.ones(len(problem.known), bool)
     model = replace(state.model, contradicted=every, damped=damped, directional=False)
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
@@ -119,18 +112,12 @@ def _let_go(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]:
-    """Return the hypotheses on the given positions, the likeliest first."""
-    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma)
-
-
-# probability of the disagreement found from which the given positions are taken as they are; without it arrays with
-# given positions take 1.2 times the time
+# probability of the disagreement by chance above which the given positions are not examined further, to save time
 AGREE = 0.2
 
 
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
-    """Whether the positions that hold the array and the pressures agree within their sigmas."""
+    """Return whether the given positions in use and the pressures agree within their sigmas."""
     known, places = objectives.constrained_positions(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
@@ -144,7 +131,7 @@ def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
 
 
 def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
-    """Return whether the same given positions hold two arrays."""
+    """Return whether two states or optima use the same given positions."""
     a, b = one.model, other.model
     return bool(np.array_equal(a.contradicted, b.contradicted) and np.array_equal(a.places, b.places))
 
@@ -155,16 +142,16 @@ def inaccurate(state: State) -> bool:
     return state.model.known_sigma > INACCURATE * (GIVEN_SIGMA if stated is None else stated)
 
 
-# distance of a given position over the median of all of them, or their sigma, that leaves it out when the array is
-# moved onto the given positions; without it 1 of 32 arrays with wrong given positions is lost
+# distance from the array, over the median distance or sigma, beyond which a given position does not count when the
+# array is moved onto them; without this rule 1 of 32 arrays with wrong given positions is lost
 GIVEN_OUTLIER = 3.0
 
 
 def anchored(problem: Problem, state: State) -> np.ndarray:
-    """Return the array moved as a whole onto the given positions, if any, without outliers among them; exact ones stay.
+    """Return the array (N, D), metres, moved as a whole onto the given positions except outliers among them.
 
-    The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
-    where there is hardly any noise.
+    The pressures do not fix the array as a whole, and with little noise the prior of the given positions is too weak to
+    move it in the last steps. An array with exact given positions stays as it is.
     """
     x, (known, given) = state.positions, objectives.constrained_positions(problem, state)
     if state.model.known_sigma == 0:
@@ -180,17 +167,17 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FreeArray:
-    """An array up to a rigid motion and a mirror image."""
+    """An array that was found without given positions: known up to a rigid motion and a mirror image."""
 
-    unknowns: objectives.Unknowns  # of which the positions (N, D) are in a frame of their own, metres
+    unknowns: objectives.Unknowns  # with the positions in an arbitrary frame
     covariance: Reals  # (N D, N D) float64, metres^2, without rigid motions
 
 
 def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
-    """Return the minimum without given positions, near `state`, after `steps` at most.
+    """Return the minimum without given positions near `state`, after `steps` steps at most.
 
-    With 0 it is that of the quadratic at `state`, of which the `terms` may be known already, and those with a weaker
-    field. Raises numpy.linalg.LinAlgError where a covariance is singular.
+    With 0 steps it is the minimum of the quadratic at `state`. Its `terms` with the field of the state and with the
+    weakened one are computed unless given. Raises numpy.linalg.LinAlgError where a covariance is singular.
     """
     objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
     objective = replace(objective, priors=objective.priors.without_given())
@@ -210,24 +197,23 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What may be right of the given positions."""
+    """A hypothesis on the given positions, and the array that follows from it."""
 
     log_evidence: float
-    right: Bools  # (A,) bool, which given positions hold the array
-    order: Integers  # (A,) int64, the positions given in the order in which they belong to the microphones
-    sigma: float  # metres, of every given coordinate
+    right: Bools  # (A,) bool, which given positions are right
+    order: Integers  # (A,) int64, index of the given position that belongs to each microphone
+    sigma: float  # metres, one sigma of every given coordinate
     positions: Reals  # (N, D) float64, metres, the array in the frame of the given positions
 
 
-# given positions that are examined, each as wrong and each two as exchanged; of more, those that fit worst
-EXAMINED = 7
+EXAMINED = 7  # number of given positions, those that fit worst, of which each may be wrong and each two exchanged
 
 
 def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None) -> list[Hypothesis]:
-    """Return the hypotheses on `places` (A, D), metres, given of `known` (A,), the likeliest first.
+    """Return the hypotheses on the given positions `places` (A, D), metres, of `known` (A,), the likeliest first.
 
-    All are right, one is wrong, or two are exchanged; each as it is or mirrored.
-    `stated`: sigma of a given coordinate that the user states, metres.
+    Either all are right, or one is wrong, or two are exchanged. `stated` is the sigma of a given coordinate that the
+    user states, metres.
     """
     A, D = places.shape
     as_given, all_right = np.arange(A, dtype=np.int64), np.ones(A, bool)
@@ -243,80 +229,54 @@ def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float |
     return sorted(weighed, key=lambda one: -one.log_evidence)
 
 
-# probability that a given position is wrong, or that two are exchanged; with 0.2 the errors of 2 of 32 arrays grow from
-# 5 to 11 mm
+# prior probability that a given position is wrong, or that two are exchanged; with 0.2 the errors of 2 of 32 arrays
+# grow from 5 to 11 mm
 WRONG = 0.05
+# largest distance of a wrong position over the smallest one; with 10 the error of one array grows from 5 to 12 mm
+DECADES = 1e3
+# width (nepers) of the log-normal prior of the sigma of a given coordinate about GIVEN_SIGMA, and its largest value,
+# metres; with a width of 1 the error of an array in space grows from 11 to 18 mm
+SIGMA_SPREAD = 0.6
+MAX_SIGMA = 0.04
 
 
 def _weighed(
     found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, stated: float | None
 ) -> Hypothesis:
-    """One hypothesis, with the likelier one of the two mirror images."""
-    x, D = found.unknowns.positions, places.shape[1]
+    """Return one hypothesis, with the likelier of the two mirror images of the array."""
+    x, (A, D) = found.unknowns.positions, places.shape
     ordered, constrained = places[order], known[right]
     index = (constrained[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
-    columns, spectrum = rigid_motions(x), (np.maximum(values, 0.0), vectors)
-    placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
-    evidence, sigma, positions = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
-    A, wrong = len(right), np.sum(~right)
+    columns = rigid_motions(x)
+    middle, max_sigma = (GIVEN_SIGMA, MAX_SIGMA) if stated is None else (stated, stated)
+    above = np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else np.zeros(0)
+    sigmas = np.append(np.geomspace(middle / 4, middle, 4), above)
+    log_prior = -((np.log(sigmas / middle) / SIGMA_SPREAD) ** 2) / 2
+    inverse = 1 / (np.maximum(values, 0.0) + sigmas[:, None] ** 2)
+    images: list[tuple[float, float, np.ndarray]] = []
+    for mirror in (False, True):
+        turn, centre, target = rigid_motion(x[constrained], ordered[right], mirror)
+        b = (ordered - target) @ turn.T + centre  # the given positions in the frame of the free array
+        r, G = vectors.T @ (b[right] - x[constrained]).ravel(), vectors.T @ columns[index]
+        W = np.asarray(np.einsum("sn,na,nb->sab", inverse, G, G))
+        g = np.asarray(np.einsum("sn,na,n->sa", inverse, G, r))
+        t = np.linalg.solve(W, g[..., None])[..., 0]
+        chi = inverse @ r**2 - np.sum(g * t, axis=1)
+        logs = log_prior - (chi - np.log(inverse).sum(axis=1) + np.linalg.slogdet(W)[1]) / 2
+        best = int(np.argmax(logs))
+        pull = vectors @ (inverse[best] * (r - G @ t[best]))
+        moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
+        evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
+        # the prior density of the wrong positions at their distances from the right ones
+        away, sigma = b[~right] - moved[known[~right]], float(sigmas[best])
+        distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
+        sphere = 2 * np.pi if D == 2 else 4 * np.pi
+        evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
+        images.append((float(evidence), sigma, (moved - centre) @ turn + target))
+    evidence, sigma, positions = max(images, key=lambda one: one[0])
+    wrong = np.sum(~right)
     evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
     if np.any(order != np.arange(A)):
         evidence += np.log(WRONG / (A * (A - 1) / 2))
     return Hypothesis(float(evidence), right, order, sigma, positions)
-
-
-def _placed(
-    found: FreeArray,
-    known: Integers,
-    places: Reals,
-    right: Bools,
-    columns: Reals,
-    index: Integers,
-    spectrum: tuple[Reals, Reals],
-    stated: float | None,
-    mirror: bool,
-) -> tuple[float, float, np.ndarray]:
-    """Log evidence, sigma and positions of one image of the array."""
-    x = found.unknowns.positions
-    turn, centre, target = rigid_motion(x[known[right]], places[right], mirror)
-    b = (places - target) @ turn.T + centre  # the given positions in the frame of the free array
-    values, vectors = spectrum
-    r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
-    sigmas, log_prior = sigma_grid(stated)
-    inverse = 1 / (values + sigmas[:, None] ** 2)
-    W = np.asarray(np.einsum("sn,na,nb->sab", inverse, G, G))
-    g = np.asarray(np.einsum("sn,na,n->sa", inverse, G, r))
-    t = np.linalg.solve(W, g[..., None])[..., 0]
-    chi = inverse @ r**2 - np.sum(g * t, axis=1)
-    logs = log_prior - (chi - np.log(inverse).sum(axis=1) + np.linalg.slogdet(W)[1]) / 2
-    best = int(np.argmax(logs))
-    pull = vectors @ (inverse[best] * (r - G @ t[best]))
-    moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
-    evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
-    # Log density of the wrong positions, so far from where they should be.
-    away, D, sigma = b[~right] - moved[known[~right]], x.shape[1], float(sigmas[best])
-    distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
-    sphere = 2 * np.pi if D == 2 else 4 * np.pi
-    evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
-    return float(evidence), sigma, (moved - centre) @ turn + target
-
-
-# greatest distance of a wrong position over the least one; with 10 the error of one grows from 5 to 12 mm
-DECADES = 1e3
-
-
-# spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest
-# value, metres, where the grid of sigmas ends; with a spread of 1 the error of an array in space grows from 11 to 18 mm
-SIGMA_SPREAD = 0.6
-MAX_SIGMA = 0.04
-
-
-def sigma_grid(stated: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return sigmas of a given coordinate, metres, and the logarithm of their prior probabilities."""
-    middle = GIVEN_SIGMA if stated is None else stated
-    max_sigma = MAX_SIGMA if stated is None else stated
-    above = np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else np.zeros(0)
-    sigmas = np.append(np.geomspace(middle / 4, middle, 4), above)
-    logs = -((np.log(sigmas / middle) / SIGMA_SPREAD) ** 2) / 2
-    return sigmas, logs

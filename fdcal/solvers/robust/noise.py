@@ -22,10 +22,10 @@ from .state import CORNER_SIGMA, DELAY_SIGMA, SUSPICIOUS, Model, State
 
 
 def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:
-    """Return `state` with power and channel noise after one round of their fixed point.
+    """Return `state` with power and channel noise after one iteration of their fixed point.
 
-    Beside short windows the positions are not those that explain the long rows best: what is left of a channel then
-    says nothing of its noise, which stays.
+    Where short windows count, the positions do not minimise the residual of the long rows, which therefore says nothing
+    about the noise of a channel: this noise stays as it is.
     """
     power, model = np.array(state.model.power), state.model
     power[used] = updated_power(chosen, terms)
@@ -34,18 +34,18 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
     return replace(state, model=replace(model, power=power, channel_noise=channel_noise))
 
 
-# modes, evenly taken, to estimate the noise from, at most; with all, the error of 1 of 22 arrays grows from 36 to 54
-# mm, and it takes three times the time
+# evenly spaced modes from which the noise is estimated, at most; with all modes it takes three times the time, and the
+# error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
-# factor within which the reported noise is believed; if it always is, an array of 2.6 mm is lost; if it never is, the
-# error of one in space grows from 16 to 20 mm
+# The reported noise is used if it is within this factor of the estimate. Used always, an array with 2.6 mm of error is
+# lost; used never, the error of one in space grows from 16 to 20 mm.
 BELIEVED = 2.0
 
 
 def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
-    """Return `state` with the noise and the spread of the positions that explain best what is left.
+    """Return `state` with the noise and the position error that explain the residual best.
 
-    rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
+    rough : whether the position error adds to the noise of each mode; if not, noise alone explains the residual
     """
     used, floor = objectives.used_modes(problem, state, NOISE_MODES), state.model.min_noise
     seen = objectives.corrected(problem, state, used)
@@ -62,14 +62,14 @@ def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
-    """Return the noise power of the measurement (M,), None where it is not given or not to be used."""
+    """Return the noise power (M,) that settings or measurement state; None if there is none or it is not to be used."""
     if state.settings.snr_db is not None:
         return np.full(len(problem.pressures), 1 / (1 + 10 ** (state.settings.snr_db / 10)))
     return problem.noise_power if state.settings.noise == "reported" else None
 
 
 def centred(state: State) -> State:
-    """Return `state` with gains whose median is 1, and delays of median 0: what is common to all is the field's."""
+    """Return `state` with gains of median 1 and delays of median 0: the field takes up what all channels share."""
     shift = np.median(state.gains - state.offsets, axis=0)
     louder = np.exp(2 * shift[0])
     filters = state.model.filters
@@ -79,22 +79,22 @@ def centred(state: State) -> State:
     return replace(state, gains=state.gains - shift, model=model)
 
 
-# least spread of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
-# by 10 to 15 %
+# least sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow by
+# 10 to 15 %
 MIN_SPREAD = 1e-4
-# metres, of delays, and rad/m, of corners: expected spread, worth one channel, and the greatest
+# metres, of delays, and rad/m, of corners: expected sigma, which counts as one channel, and largest sigma
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
-# metres, expected error of a given coordinate, and positions that this is worth; without them an array with a wrong
-# position and an error of 27 mm is good, and ellipses cover 92.1 instead of 93.8 %
+# metres, expected error of a given coordinate, and the number of positions as which it counts; without them an array
+# with a wrong position and an error of 27 mm gets the verdict "good", and ellipses cover 92.1 instead of 93.8 %
 EXPECTED_GIVEN = 2e-3
 KNOWN_COUNT = 2
 
 
 def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
-    """Return `state` with the spreads of gains and given positions by empirical Bayes (MacKay) after a step."""
+    """Return `state` with the sigmas of gains, filters and given positions after a step, by empirical Bayes."""
     (N, D), model, H = state.positions.shape, state.model, trial.matrix
-    assert H is not None  # of a step whose covariance was not singular
+    assert H is not None  # the caller has checked that no covariance was singular
     variance = np.zeros(trial.unknowns.vector.size)
     variance[trial.free] = np.diag(np.linalg.inv(H + 1e-12 * np.diag(np.diag(H))))
     variance = variance[:-1].reshape(N, -1)
@@ -115,24 +115,26 @@ def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) 
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
-        # only a hypothesis (`given`) makes it greater than the first
+        # only a hypothesis on the given positions (`given`) raises sigma above its first value
         max_sigma = max(objectives.first_known_sigma(problem, state.settings), sigma)
         sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
 
 
-FILTER_NATS = 3.0  # evidence for such a spread from which those of all channels are sought
+FILTER_NATS = 3.0  # evidence, nats, from which the filters of all channels are sought
 
 
 def with_filters(problem: Problem, state: State) -> State:
     """Return `state` with delays and corners of all channels free if the channels differ in either.
 
-    With the curvature S of the cost by them, all else at its minimum, and the gradient z along its eigenvectors,
+    S is the curvature of the cost with respect to the filters, with all else at its minimum; z is the gradient along
+    the eigenvectors of S. By Laplace's approximation the evidence of a prior sigma, relative to sigma = 0, is
 
-        evidence(sigma) = sum z^2 / (S + sigma^-2) / 2 - log(1 + sigma^2 S) / 2    over sigma = 0, by Laplace.
+        evidence(sigma) = sum z^2 / (S + sigma^-2) / 2 - log(1 + sigma^2 S) / 2
 
-    Over a narrow band, or with few microphones, a delay is a phase or a place: S is small, and there is no evidence.
+    In a narrow band, or with few microphones, a delay cannot be told from a phase or a position. Then S is small, and
+    there is no evidence.
     """
     if not objectives.gains_are_free(state) or state.model.delay_sigma > 0:
         return state
@@ -152,7 +154,7 @@ def with_filters(problem: Problem, state: State) -> State:
 
 
 def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bools, c: int) -> tuple[float, float]:
-    """Evidence for a spread of filters, nats over none, and the likeliest one; rest, filters : (F,) bool."""
+    """Return the largest evidence for filters, nats, and its sigma; rest, filters : (F,) bool, groups of unknowns."""
     across = matrix[np.ix_(filters, rest)] @ objectives.scaled_inverse(matrix[np.ix_(rest, rest)])
     values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
     z2, values = (vectors.T @ (gradient[filters] - across @ gradient[rest])) ** 2, np.maximum(values, 0.0)[:, None]
@@ -163,7 +165,7 @@ def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bool
 
 
 def with_arrivals(problem: Problem, state: State) -> State:
-    """Return `state` with arrivals that count, if there are any, at positions near by that fit these best."""
+    """Return `state` with arrivals in use, if there are any, at the positions near by that fit them best."""
     if problem.arrivals is None or (arrivals := direct_sound.arrivals_of(problem, None)) is None:
         return state
     constrained = objectives.objective_of(problem, state, np.arange(0)).priors.constrained
@@ -172,7 +174,7 @@ def with_arrivals(problem: Problem, state: State) -> State:
 
 
 def with_arrival_sigma(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
-    """Return `state` with the sigma of the arrivals of each take by empirical Bayes after a step."""
+    """Return `state` with the sigma of the arrivals of each take after a step, by empirical Bayes."""
     arrivals = objectives.state_arrivals(problem, state)
     if arrivals is None or trial.matrix is None or trial.free.ndim != 1:
         return state
@@ -185,7 +187,7 @@ def with_arrival_sigma(problem: Problem, state: State, trial: objectives.Channel
 
 
 def _with_sigma_of(problem: Problem, state: State, sigma: Reals) -> State:
-    """`state` with a sigma for each take that has enough arrivals."""
+    """Return `state` with `sigma` for the takes that have enough arrivals, and the stated sigma for the others."""
     assert problem.arrivals is not None and problem.arrival_sigma is not None
     every = problem.sound_speed * np.array(problem.arrival_sigma)
     every[direct_sound.counted(problem)] = sigma
@@ -195,9 +197,9 @@ def _with_sigma_of(problem: Problem, state: State, sigma: Reals) -> State:
 def _updated_sigma(
     sigma: float, deviation: Reals, variance: Reals, components: int, floor: float, maximum: float = np.inf
 ) -> float:
-    """Spread of a prior: squared deviations over how many the data determine.
+    """Return the updated sigma of a prior: the squared deviations over the number that the data determine.
 
-    deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
+    deviation : (K,) norm of the components of each; variance : (K,) posterior variance per component
     """
     weight = objectives.spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
@@ -205,13 +207,13 @@ def _updated_sigma(
     return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
 
 
-# change of the logarithm of a spread that does not count; without it an array without noise ends at 0.011 instead of
-# 0.004 mm
+# change of the logarithm of a sigma below which it counts as unchanged; without this condition on the end of a stage
+# an array without noise ends with an error of 0.011 instead of 0.004 mm
 SAME_SPREAD = 0.2
 
 
 def same_spreads(before: Model, after: Model) -> bool:
-    """Return whether the spreads of gain and phase have hardly changed."""
+    """Return whether the sigmas of gains, phases and filters have hardly changed."""
     pairs = [(before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)]
     for column, least in enumerate(PRIOR_FILTER):
         old, new = ((one.delay_sigma, one.corner_sigma)[column] for one in (before, after))
@@ -229,7 +231,7 @@ def same_arrivals(before: Model, after: Model) -> bool:
 def score(problem: Problem, state: State, objective: objectives.Objective, trial: objectives.ChannelStep) -> float:
     """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
 
-    objective : what the last step minimised; the cost of the state and the normalisation of the priors are both its
+    objective : the objective whose value is the cost of `state`, and whose priors are normalised here
     """
     N, D = state.positions.shape
     priors, cost = objective.priors, state.cost
@@ -256,9 +258,9 @@ def healthy(model: Model) -> np.ndarray:
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
-    """Return `state` with channels that are all noise in the middle of the others.
+    """Return `state` with channels that hold only noise moved to the middle of the others.
 
-    Nothing shows where these stand. Far outside they would only ask for more directions of the field.
+    Nothing shows where these stand, and far outside they would increase the number of directions of the field.
     """
     silent = state.model.noise_fraction * state.model.channel_noise > 1
     silent[problem.known] = False
@@ -269,25 +271,25 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float))
 
 
-# (Im k R)^2 over the noise from which the imaginary part of k counts; if it always does, 2 of 75 arrays go from 1.0 to
-# 1.1 and, a blind circle, from 45 to 80 mm
+# (Im k R)^2 over the noise fraction from which the imaginary part of k is used; used always, the errors of 2 of 75
+# arrays grow, from 1.0 to 1.1 mm and (a blind circle) from 45 to 80 mm
 DAMPED = 0.1
 
 
 def is_damped(problem: Problem, state: State) -> bool:
-    """Return whether the noise that is left is so low that the damping of the modes counts."""
+    """Return whether the noise is so low that the damping of the modes must be modelled."""
     k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1).mean()))
     return bool((np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.noise_fraction)
 
 
-MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q of a field in space by Q directions at most; beyond it stays isotropic
+MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q in space, with Q directions, above which the field stays isotropic
 
 
 def with_last_field(problem: Problem, state: State) -> State:
-    """Return `state` with the field of the last stage: directional where that does not take too long.
+    """Return `state` with the field of the last stage: directional, unless that takes too long.
 
-    That of a plane array in space stays isotropic.
+    The field of a plane array in space stays isotropic.
     """
     k = objectives.wavenumbers(problem, state)[objectives.used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
@@ -297,14 +299,14 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# observations that the directions of a row are those of its take; resonances of a plate differ more than the
-# frequencies of a room. Without spectra of the rows 9 of 27 arrays become worse by 4 to 160 %; with one spectrum for
-# all takes a measured array ends 71 mm away
+# Weight, in observations, of the power by direction of a take in that of each of its rows; the modes of a plate differ
+# more than the frequencies of a room. With one power by direction for all rows of a take 9 of 27 arrays become worse by
+# 4 to 160 %; with one for all takes a measured array ends 71 mm away.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
 def with_directions(problem: Problem, state: State, used: Integers, updates: int) -> State:
-    """Return `state` with the power of the field by direction learned a little further, where it depends on it."""
+    """Return `state` with a directional field's power by direction after some `updates`."""
     model = state.model
     if not model.directional:
         return state

@@ -1,15 +1,15 @@
 """What the likelihood solver has found, as `fdcal.solvers.interface.Estimate`.
 
-The covariance of the positions is that of `spread`.
+The covariance of the positions comes from `spread`. The test whether given positions and pressures agree is that the
+array without given positions is hardly likelier:
 
-Given positions and pressures agree if the array without given positions is hardly likelier:
+    S = prior(x) + cost(x) - min cost      with the minimum over arrays without given positions
 
-    S = prior(x) + cost(x) - min cost      over arrays that no given position holds
-
-Under the model 2 S has a chi-square distribution with one degree of freedom for each coordinate given beyond those that
-place the array as a whole. A given position that is wrong, a wrong sound speed and an array that was not found all make
-S large. So does a field that is not as random as its model: where the covariance that is claimed is e times that of the
-likelihood, S = a + b of prior a and rest b is (a + b)^2 / (a + e b) instead, as a quadratic of one coordinate has it.
+Under the model 2 S has a chi-square distribution, with one degree of freedom for each given coordinate beyond those
+that place the array as a whole. A wrong given position, a wrong sound speed and an array that was not found all make S
+large. So does a field that is less random than its model. Where the claimed covariance is e times that of the
+likelihood, S = a + b (prior a, cost b) is therefore replaced by (a + b)^2 / (a + e b), which is exact for a quadratic
+of one coordinate.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ from .schedule import begin, refined
 from .spread import Claim, claim_of
 from .state import DIRECTION_UPDATES, FINAL, FREE_STEPS, GIVEN_SIGMA, STAGES, State
 
-FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
+FIELD_ROUNDS = 3  # rounds in which `estimate_at` learns the field; the second one finds a faulty channel
 
 
 def result(problem: Problem, state: State) -> Estimate:
@@ -62,20 +62,20 @@ def result(problem: Problem, state: State) -> Estimate:
 def estimate_at(
     problem: Problem, settings: SolverSettings, positions: Reals, modes: slice, converged: bool
 ) -> Estimate:
-    """Return the estimate of positions (N, D), metres, that a solver of another cost has found.
+    """Return the estimate at positions (N, D), metres, that a solver with another cost has found.
 
-    Channels count as matched and given positions as exact; the noise is all that the likelihood leaves unexplained.
-    With an uncertain sound speed, positions and speed are those of the nearest minimum of the likelihood.
+    Channels count as matched and given positions as exact; the noise is what the likelihood leaves unexplained. With an
+    uncertain sound speed, positions and speed move to the nearest minimum of the likelihood.
     """
     first, last, _ = modes.indices(len(problem.pressures))
     matched = replace(settings, modes=last, gains="fixed", known_sigma=0.0)
-    # The solver has used no arrivals.
+    # The other solver has used no arrivals.
     problem = replace(objectives.in_unit_power(problem), arrivals=None, arrival_sigma=None)
     begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
     state = refined(problem, noise.with_last_field(problem, state))
-    # In rounds, as the last stage has them: the noise of a faulty channel is that of all until its own is known.
+    # Several rounds are needed, as in the last stage: the first one spreads the noise of a faulty channel over all.
     used = objectives.used_modes(problem, state)
     for _ in range(FIELD_ROUNDS):
         for _ in range(STAGES[FINAL].max_steps):
@@ -88,7 +88,7 @@ def estimate_at(
         objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
         state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
-    # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
+    # The minimum of the other cost is elsewhere, so that a Newton step of the likelihood does not mean an early end.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
 
 
@@ -121,16 +121,17 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
     )
 
 
-CLEAR = 0.05  # probability of the linear estimate above which no array is sought
-MARGIN = 1.5  # factor on that estimate
+CLEAR = 0.05  # probability above which the linear estimate of S is accepted
+MARGIN = 1.5  # factor on the linear estimate of S in this decision
 
 
 def _agreement(
     constrained: objectives.Objective, here: objectives.Unknowns, at_objective: Terms, excess: float
 ) -> float:
-    """Probability of the disagreement; the array without given positions is sought only where it could be low.
+    """Return the probability of the disagreement by chance.
 
-    `excess` : variance that is claimed over that of the likelihood, of which S is made of two parts, prior and rest.
+    Minimisations are costly and done only where the linear estimate of this probability is low. `excess` is e of the
+    module.
     """
     D = here.positions.shape[1]
     freedom = len(constrained.priors.known) * D - D * (D + 1) // 2

@@ -1,23 +1,24 @@
-"""How far the positions of the likelihood solver may be off: the covariance by its model, and what its data show.
+"""The covariance of the positions that the likelihood solver finds: by its model, and corrected by the data.
 
-    H      Gauss-Newton matrix of cost and priors over everything that is free;  P = H^-1, the covariance by the model
-    g_b    gradient of a block of neighbouring frequencies of a take, or of the arrivals of a take, less their mean;
-           H_b its part of H
+    H      Gauss-Newton matrix of cost and priors over all free unknowns;  P = H^-1, the covariance by the model
+    g_b    gradient of one block, minus the mean over blocks; a block is a group of neighbouring frequencies of a take,
+           or the arrivals of a take
+    H_b    part of H that belongs to block b
 
-H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
-uncertain rests on that prior and not on the wave equation. Without given positions the covariance is that of the array
-without its rigid motions; in the frame of the least gauge, of the array moved into it.
+H is computed with a field that is `WEAKER_FIELD` times as powerful. This weakens the prior of an isotropic field: a
+direction that becomes uncertain by it was determined by that prior and not by the wave equation. Without given
+positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its frame.
 
-A room is not the random field of the model, and its blocks disagree by more, or less, than H says. The sandwich of
-their gradients measures it (Huber 1967, White 1980), with the leverage of each block corrected as by leaving it out
-(MacKinnon and White 1985):
+A room is not the random field of the model, so that its blocks disagree by more, or less, than H says. The sandwich
+estimator measures this (Huber 1967, White 1980), with the leverage of each block corrected as if the block were left
+out (MacKinnon and White 1985):
 
     J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
 
-over the coordinates of the microphones whose channels are healthy. Where the model holds, J is Q on average: the part
-of P that is the error of the data. The rest is the error of what the priors state, which blocks cannot show.
+The traces are over the coordinates of healthy microphones. Where the model holds, J equals Q on average: the part of P
+that is due to errors of the data. The other part is due to the priors, and blocks cannot show it.
 
-Beside short windows (`windows`) the likelihood counts no more than it claims, and H takes the field as it is.
+Where short windows count (`windows`) the likelihood is tempered, and H takes the field as it is.
 """
 
 from collections.abc import Iterator
@@ -43,37 +44,38 @@ from .objective import (
 )
 from .state import State
 
-# blocks of rows: neighbours are not independent, and with 20 blocks J comes out a tenth lower; fewest that count
+# Number of blocks of rows, and the least number that gives a dispersion. Neighbouring rows are not independent: with 20
+# blocks J would be a tenth lower.
 BLOCKS, MIN_BLOCKS = 10, 4
-LEVERAGE = 0.95  # part of H_b that is taken off H, so that what one block alone determines stays finite
+LEVERAGE = 0.95  # part of H_b that is subtracted from H, so that H - H_b is regular even if one block determines all
 
 
 @dataclass(frozen=True)
 class Claim:
     """The objective at the end of a run, and the covariance that follows from it."""
 
-    objective: Objective  # with all the noise
-    evaluated: Evaluation  # at the unknowns
-    weakened: Evaluation  # with a field of more power
-    likely: Quadratic  # of that
+    objective: Objective
+    evaluated: Evaluation  # of the objective at the final unknowns
+    weakened: Evaluation  # of the objective with a more powerful field, at the same unknowns
+    likely: Quadratic  # of the weakened objective
     spread: PositionSpread
-    excess: float  # variance that is claimed over that of the likelihood, at least 1
+    excess: float  # claimed variance over that of the likelihood, at least 1
 
 
 def claim_of(problem: Problem, state: State) -> Claim:
-    """Return what the solver claims at `state`, in its last stage."""
+    """Return objective and covariance at `state`, in its last stage."""
     objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
     evaluated = objective.evaluate(here)
     try:
         weakened = objective.weakened().evaluate(here)
-    except np.linalg.LinAlgError:  # C is singular with a field of more power
+    except np.linalg.LinAlgError:  # C is singular with the more powerful field
         weakened = evaluated
     own, likely = quadratic(here, objective, evaluated), quadratic(here, objective, weakened)
     gauge = _gauge(problem, state.positions)
     newton = gauge @ likely.covariance @ gauge.T
     counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
     data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
-    if not len(problem.known):  # sound speed and size of a blind array are one
+    if not len(problem.known):  # the size of a blind array is as uncertain as the sound speed
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)
@@ -84,7 +86,7 @@ def claim_of(problem: Problem, state: State) -> Claim:
 def _of_data(
     problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
 ) -> tuple[Reals, float]:
-    """Q of the module (N D, N D) and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 of too few blocks."""
+    """Q of the module (N D, N D), and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 with too few blocks."""
     here, index = likely.unknowns, np.ix_(likely.free, likely.free)
     order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
     blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
@@ -109,10 +111,9 @@ def _of_data(
 
 
 def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> float:
-    """Return tr J / tr Q of the module over some functions of the unknowns.
+    """Return tr J / tr Q of the module for linear functions of the unknowns, the rows of `outputs` (K, F).
 
-    P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks; outputs : (K, F), linear
-    functions of the unknowns.
+    P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks
     """
     H, centred, across = np.linalg.inv(P), gradients - gradients.mean(axis=0), outputs @ P
     others = np.asarray(H - LEVERAGE * matrices)
@@ -123,7 +124,7 @@ def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> flo
 
 
 def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Gradient and Gauss-Newton matrix of the arrivals of each take by all unknowns."""
+    """Yield gradient and Gauss-Newton matrix of the arrivals of each take, by all unknowns."""
     if objective.arrivals is None:
         return
     terms, index = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays), arrival_index(here)
@@ -134,7 +135,7 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
 
 
 def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
-    """Projection (N D, N D) that takes rigid motions off: onto the frame, or onto no motion on average."""
+    """Projection (N D, N D) that removes rigid motions: into the frame of the array, or with no motion on average."""
     size = positions.size
     if len(problem.known):
         return np.eye(size)
@@ -147,7 +148,7 @@ def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
 
 
 def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
-    """Linear functions of the positions (F, N D) that the frame fixes: the first point, then what is across."""
+    """Linear functions of the positions (F, N D) that the frame fixes: the first microphone, then directions across."""
     N, D = positions.shape
     first = positions[frame.microphones[0]]
     axes = np.linalg.qr((positions[frame.microphones[1:]] - first).T)[0]

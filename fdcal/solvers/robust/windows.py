@@ -1,15 +1,15 @@
-"""Positions from short windows (`fdcal.cost.short_windows`), as one term of what the last stage minimises.
+"""Positions from short windows (`fdcal.cost.short_windows`), as a term of what the last stage minimises.
 
-The windows are fitted by themselves, from low to high frequencies: from their own start, by coherence, and from the
-array that the long rows have found. Near the optimum x_s the fit is a quadratic, which moves and turns with the array:
+The windows are fitted alone, from low to high frequencies, from two starts: one by coherence, and the array that the
+long rows have found. Near the optimum x_s the fit is approximated by a quadratic that moves and turns with the array:
 
-    S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x laid on x_s,    A^-1 = MODEL_EXCESS lambda F^-1
-    F       Fisher information, from which everything that is not a position is eliminated
-    lambda  mean square of the scores s of the groups over their information, s^T F^-1 s / P: windows of one room are
-            not independent
+    S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = MODEL_EXCESS lambda F^-1
+    F       Fisher information on the positions, with all other parameters eliminated
+    lambda  s^T F^-1 s / P, mean square of the scores s of the groups over their information; above 1 because the
+            windows of one room are not independent
 
-Beside it the likelihood of the long rows counts as much as its covariance claims, no more: it is divided by the ratio
-of the covariance that the result states (`result`) to that of its curvature.
+The likelihood of the long rows is divided by the ratio of the covariance that the result states (`result`) to the
+inverse of its curvature, so that its weight agrees with the claimed covariance.
 """
 
 from dataclasses import dataclass, replace
@@ -24,32 +24,30 @@ from ...model.validation import Bools, InputError, Integers, Reals
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from ..starts import coherence_start
 
-MIN_MICROPHONES = 5  # of which the windows determine shape and size
-# greatest diameter of the array over the way that sound travels in a window: where it is more, a reflection is heard in
-# different windows at both ends, which the covariance leaves out; an array of 3 m in windows of 30 ms ends 160 mm off
+MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
+# largest diameter of the array, over the path of sound in one window. In a larger array a reflection falls into
+# different windows at the two ends, which the covariance neglects: an array of 3 m in windows of 30 ms ends 160 mm off
 MAX_DIAMETER = 0.1
-# covariance of the result over that of the fit: the spectrum has few numbers, and what it lacks is common to all
-# windows. On jobs a, b, e, simulated balls and circles and a measured array the errors are 2.2 times as large as claims
-# without it, at the median
+# covariance of the result over that of the fit. The spectrum has few parameters, and all windows share its misfit:
+# without this factor the errors of simulated and measured arrays are 2.2 times the claimed sigma, at the median
 MODEL_EXCESS = 4.0
-# noise as a part of the power of a channel, and its delay times the sound speed, metres, from which on its windows do
-# not count
+# noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
-STAGES = (11.0, 27.5)  # rad/m, greatest wavenumbers of the first stages: 600 and 1500 Hz in air
-START_BAND = 36.7  # rad/m, greatest wavenumber of the start by coherence: 2 kHz in air
-MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
-STEPS, LAST_STEPS = 25, 40  # at most
-DECREASE, LAST_DECREASE = 1.0, 0.02  # nats, at which a stage ends
-ROUNDS = 3  # of estimating the dispersion
-ZERO = 1e-6  # of the largest eigenvalue of the information: directions with less are those of the priors
+STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
+START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
+MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
+STEPS, LAST_STEPS = 25, 40  # number of steps of a stage at most
+DECREASE, LAST_DECREASE = 1.0, 0.02  # nats; a stage ends when the cost falls by less
+ROUNDS = 3  # iterations of the dispersion lambda
+ZERO = 1e-6  # relative eigenvalue of the information below which only the priors determine a direction
 
 
 @dataclass(frozen=True)
 class WindowTerm:
-    """S of the module."""
+    """The quadratic term S of the module."""
 
     positions: Reals  # (N, D) float64, metres, x_s
-    precision: Reals  # (N D, N D) float64, 1/m^2, A; 0 of microphones whose windows do not count
+    precision: Reals  # (N D, N D) float64, 1/m^2, A; 0 for microphones whose windows are not used
 
     def laid_on(self, positions: Reals) -> "WindowTerm":
         """Return the term moved, turned and perhaps mirrored onto an array (N, D), metres."""
@@ -66,7 +64,7 @@ class WindowTerm:
         return float(away @ gradient) / 2, gradient, laid.precision
 
     def costs(self, positions: Reals, n: int, places: Reals) -> np.ndarray:
-        """Return the cost with microphone `n` of positions (N, D) at places (..., 2), at its own height : (...)."""
+        """Return the cost (...) with microphone `n` of positions (N, D) moved horizontally to `places` (..., 2)."""
         D = positions.shape[1]
         here, gradient, matrix = self.terms(positions)
         own = matrix[D * n : D * n + 2, D * n : D * n + 2]
@@ -74,9 +72,10 @@ class WindowTerm:
         return here + away @ gradient[D * n : D * n + 2] + np.sum(away @ own * away, axis=-1) / 2
 
     def disagreement(self, positions: Reals, covariance: Reals) -> float:
-        """Return by how much the covariances of both are too small for their difference, at least 1 (Birge 1932).
+        """Return the factor by which the covariances of this term and another estimate must grow, at least 1.
 
-        positions (N, D), metres, and covariance (N D, N D), metres^2, of another estimate
+        It is the reduced chi-square of their difference (Birge 1932). The other estimate has `positions` (N, D),
+        metres, and `covariance` (N D, N D), metres^2.
         """
         laid = self.laid_on(positions)
         used = np.diag(laid.precision) > 0
@@ -88,13 +87,13 @@ class WindowTerm:
 
 
 def _turn(before: Reals, after: Reals) -> np.ndarray:
-    """The rotation, or reflection, R (D, D) of after - mean = (before - mean) R."""
+    """The rotation or reflection R (D, D) for which after - mean = (before - mean) R."""
     U, _, V = np.linalg.svd((before - before.mean(axis=0)).T @ (after - after.mean(axis=0)))
     return U @ V
 
 
 def usable(problem: Problem, positions: Reals, heard: Bools) -> bool:
-    """Return whether the windows say something of an array of this size."""
+    """Return whether there are windows, and the array is small enough for them."""
     if problem.windows is None or problem.dimension != 3 or np.sum(heard) < MIN_MICROPHONES:
         return False
     x = positions[heard]
@@ -103,10 +102,10 @@ def usable(problem: Problem, positions: Reals, heard: Bools) -> bool:
 
 
 def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools) -> WindowTerm | None:
-    """Return the term of the windows of a problem; None where they find no array.
+    """Return the term of the windows of a problem; None where they show no array.
 
-    positions : (N, D), metres, that the long rows have found; phases : (N,), radians, of channels of inverted polarity,
-    else 0: the fit finds small ones, and levels, by itself; heard : (N,) bool, channels that count
+    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, otherwise 0,
+    since the fit estimates small phases and levels; heard : (N,) bool, channels in use
     """
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
@@ -132,7 +131,7 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools)
 
 
 def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> ShortLikelihood:
-    """Return the likelihood of windows, the `phases` (N,) of the channels taken off and all alike in mean level."""
+    """Return the likelihood of windows, with the `phases` (N,) of the channels removed and their mean levels equal."""
     k = 2 * np.pi * windows.frequencies / sound_speed
     p = windows.pressures * np.exp(-1j * phases)
     power = np.mean(np.abs(p) ** 2, axis=(0, 1))
@@ -141,7 +140,7 @@ def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> S
 
 
 def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
-    """Positions (N, axes), metres, by the coherence of the windows; None where it shows no array."""
+    """Positions (N, axes), metres, from the coherence of the windows; None where it shows no array."""
     count = likelihood.pressures.shape[1]
     p, k = likelihood.pressures.reshape(-1, likelihood.pressures.shape[2]), np.repeat(likelihood.wavenumbers, count)
     kept = np.any(p, axis=1) & (k <= START_BAND)
@@ -157,8 +156,8 @@ def fitted(
 ) -> tuple[ShortField, Integers, np.ndarray]:
     """Return the likeliest field, the axes, and the covariance (N D, N D), metres^2, without rigid motions.
 
-    starts : positions (N, D), metres, each with the greatest wavenumbers of its first stages, rad/m;
-    axes : (D,) int64, which of the three coordinates the positions of the field have
+    starts : positions (N, D), metres, each with the largest wavenumbers of its first stages, rad/m;
+    axes : (D,) int64, which of the field's three coordinates are free
     """
     N, T, axes = likelihood.pressures.shape[2], int(likelihood.takes.max()) + 1, np.arange(starts[0][0].shape[1])
     alone, direct = free_parameters(N, T, axes), free_parameters(N, T, axes, direct=True)
@@ -192,7 +191,7 @@ def fitted(
 def _minimised(
     likelihood: ShortLikelihood, field: ShortField, free: Bools, steps: int = STEPS, least: float = DECREASE
 ) -> tuple[ShortField, float]:
-    """Return the field of least cost near `field`, and its cost; free : (P,) bool."""
+    """Return the field with the lowest cost near `field`, and that cost; free : (P,) bool, free parameters."""
     damping, index, cost = FIRST_DAMPING, np.flatnonzero(free), np.inf
     max_step = MAX_STEP * 2 * np.pi / float(likelihood.wavenumbers.max())
     for _ in range(steps):
@@ -212,15 +211,15 @@ def _minimised(
     return field, cost
 
 
-FLAT_NATS = 3.0  # evidence from which an array is flat
-HEIGHT = 0.5  # spread of the heights of one that is not, over its RMS radius
+FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
+HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, over its RMS radius
 
 
 def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
-    """Return whether the windows show an array that is flat within what they can tell.
+    """Return whether the windows show an array that is flat within their accuracy.
 
-    With the heights h over the plane of least squares and their covariance C, without the motions of the plane, the
-    logarithm of the evidence for a flat array over one whose heights have the spread s is
+    h are the heights over the plane of least squares and C is their covariance, both without motions of the plane. The
+    log evidence for a flat array, relative to one whose heights have the sigma s, is
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
     """
@@ -245,7 +244,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
 
 
 def _dispersion(likelihood: ShortLikelihood, field: ShortField, free: Bools) -> float:
-    """lambda of the module, at least 1."""
+    """Return lambda of the module, at least 1."""
     here, index = replace(likelihood, dispersion=1.0).terms(field), np.flatnonzero(free)
     scores = here.scores[:, index] - here.scores[:, index].mean(axis=0)
     values, vectors = np.linalg.eigh(here.fisher[np.ix_(index, index)])
