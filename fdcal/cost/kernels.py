@@ -1,29 +1,29 @@
-"""The covariance that a sound field makes between microphones, the waves that it consists of, and its slope.
+"""The covariance of a sound field between microphones, its derivatives, and the plane waves of which it consists.
 
     K_m[i, j]    = covariance of the field at microphones i and j, of mode m and unit power
     D_ma[i, j]   = derivative of K_m[i, j] with respect to coordinate a of microphone i
 
 A diffuse field of a real wavenumber k has K_ij = kappa(k |x_i - x_j|): J_0(k r) in the plane, sin(k r) / (k r) in space
-(`diffuse_kernel`). With a complex k, of damped waves, it depends on the centre, from which positions x are counted:
+(`diffuse_kernel`). With a complex k, for damped waves, it also depends on the centre of the waves. With positions x
+relative to this centre,
 
-    K_ij = kappa(z),   z^2 = (k x_i - conj(k) x_j)^2        (`damped_matrices`; in the plane by the waves)
+    K_ij = kappa(z),   z^2 = (k x_i - conj(k) x_j)^2        (`damped_matrices`; in the plane as a sum of waves)
 
 A field whose power S_q depends on the direction u_q is a sum of plane waves (`plane_wave_covariance`):
 
     K = W W^H,   W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q),   w_q of a quadrature of the circle or the sphere
 
-Matrices of waves are kept transposed, (modes, waves, microphones): the microphones are next to each other in memory.
+Matrices of waves are stored transposed, (modes, waves, microphones), so that microphones are contiguous in memory.
 
-Undamped plane waves come in opposite pairs. With c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of
-opposite directions and their weight w_q,
+Undamped plane waves are handled in opposite pairs, which takes about a third of the operations of complex waves. With
+c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of opposite directions, and their weight w_q, the covariance
+is a sum over half the directions:
 
-    K_ij = sum_q a_q (c_i c_j + s_i s_j) + j b_q (c_i s_j - s_i c_j),    a = w (S + S'),    b = w (S - S'),
+    K_ij = sum_q a_q (c_i c_j + s_i s_j) + j b_q (c_i s_j - s_i c_j),    a = w (S + S'),    b = w (S - S')
 
-over half the directions takes about a third of the operations of complex waves.
-
-Many modes are computed at once, in blocks that fit the processor's cache and by batched factorisations. Which modes
-share an array, and in which order sums are taken, depends on the numbers of modes and microphones alone, so that
-results do not depend on the number of cores.
+Many modes are computed together, in blocks that fit the processor's cache and with batched factorisations. The blocks
+and the order of sums only depend on the numbers of modes and microphones, so that results do not depend on the number
+of cores.
 """
 
 import functools
@@ -41,9 +41,9 @@ from ..acoustics.dictionary import complex_sinc, cosine_and_sine, sinc
 from ..model.validation import Complexes, Integers, Numbers, Reals, frozen_array
 
 BLOCK = 1.3e5  # numbers in the largest array of a block: about the size of the second-level cache
-PARTS = 4  # of the blocks, each computed on one thread: sums do not depend on how many threads there are
-FEW = 10  # rows of matrices whose inverses are faster all at once, without the half of the work that symmetry saves
-WORTH_THREADS = 3e6  # numbers in all modes from which threads are faster than one core
+PARTS = 4  # lists of blocks, each for one thread; their number is fixed so that sums do not depend on the threads
+FEW = 10  # rows of a matrix up to which NumPy's batched inverse is faster than LAPACK's for Hermitian matrices
+WORTH_THREADS = 3e6  # numbers in all modes above which threads are faster than one core
 
 Found = TypeVar("Found")
 
@@ -51,14 +51,14 @@ np.empty(2_000_000)  # freed at once: from then on the C library keeps freed blo
 
 
 def blocks(modes: int, numbers: int) -> list[slice]:
-    """Return slices of about one length that cover all modes; `numbers` are those in the largest array of one mode."""
+    """Return slices of equal length that cover all modes; the largest array of one mode has `numbers` elements."""
     count = -(-modes // max(1, int(BLOCK // numbers)))
     edges = [round(i * modes / count) for i in range(count + 1)]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def over_blocks(rule: Callable[[slice], Found], modes: int, numbers: int) -> Iterator[list[Found]]:
-    """Yield what `rule` gives for each of `blocks`, in PARTS lists; large problems use all cores."""
+    """Yield the results of `rule` for each of `blocks`, in PARTS lists; large problems use all cores."""
 
     def of_part(part: list[slice]) -> list[Found]:
         found = []
@@ -82,13 +82,13 @@ def triangular_inverses(G: np.ndarray) -> np.ndarray:
 
 
 def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return C^-1 (M, N, N) and log det C (M,) of positive definite matrices, or LinAlgError; C may be overwritten."""
+    """Return C^-1 (M, N, N) and log det C (M,), or raise LinAlgError if C is not positive definite; C is overwritten."""
     if C.shape[1] <= FEW:
         try:
             G = np.linalg.cholesky(C)
             return np.linalg.inv(C), 2 * np.log(np.real(np.diagonal(G, axis1=1, axis2=2))).sum(axis=1)
         except np.linalg.LinAlgError:
-            pass  # below the mode is found
+            pass  # the loop below finds out which mode is at fault
     factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
     diagonals = np.empty(C.shape[:2])
     for m, A in enumerate(C):  # the transpose of a row-major matrix is column-major: no copies
@@ -103,7 +103,7 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def as_columns(p: Numbers, dtype: np.dtype[Any]) -> np.ndarray:
-    """Return vectors (M, N) as factors of matrices: complex (M, N, 1), for real matrices their parts (M, N, 2)."""
+    """Return vectors as columns: complex (M, N, 1) or, for real matrices, their real and imaginary part (M, N, 2)."""
     p = np.ascontiguousarray(p, complex)
     return p[..., None] if np.issubdtype(dtype, np.complexfloating) else p.view(float).reshape(*p.shape, 2)
 
@@ -115,7 +115,7 @@ def applied(A: Numbers, v: Complexes) -> np.ndarray:
 
 
 def weighted_curvature(g: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j], blocks a <= b, the others zero : (P, P, N, N) float64.
+    """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j] in the blocks a <= b, and 0 in the others : (P, P, N, N) float64.
 
     g : (P, 2, M, N) float64, real and imaginary parts; K : (M, N, N), Hermitian
     """
@@ -145,21 +145,21 @@ def whole_curvature(H: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(H.transpose(2, 0, 3, 1))
 
 
-DIRECTION_ORDERS = 6  # beyond ceil(k R), that plane waves must resolve
-# degrees of Lebedev's rules without a negative weight
+DIRECTION_ORDERS = 6  # orders beyond ceil(k R) that plane waves must resolve
+# degrees of Lebedev's rules that have no negative weight
 DEGREES = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59, 65, 71, 77, 83, 89, 95, 101, 107, 113, 119,
            125, 131)  # fmt: skip
 
 
 def direction_count(dimension: int, order: int) -> int:
-    """Return how many directions resolve fields of that order in two or three dimensions."""
+    """Return the number of directions that resolve fields of this order in two or three dimensions."""
     if dimension == 2:
         return 2 * order
     return len(_sphere(next((degree for degree in DEGREES if degree >= 2 * order), DEGREES[-1]))[1])
 
 
 def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, orders: int = DIRECTION_ORDERS) -> int:
-    """Return how many directions resolve a field over the array, with some `orders` beyond ceil(k R).
+    """Return the number of directions that resolve a field over the array, up to `orders` orders beyond ceil(k R).
 
     positions : (N, D), metres; wavenumbers : (M,), rad/m
     """
@@ -169,11 +169,11 @@ def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, or
 
 @functools.cache
 def wave_directions(dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (D, Q) and weights (Q,) of sum 1, for a number that `direction_count` returns.
+    """Return unit vectors (D, Q) and weights (Q,) of sum 1, for a `count` from `direction_count`.
 
-    kappa(k |x - y|) = sum_q w_q exp(-j k (x - y) . u_q) for arrays of k R below the order: equally spaced directions in
-    the plane, Lebedev's rule in space (Lebedev and Laikov, Doklady Mathematics 59, 1999). Direction Q / 2 + q is
-    opposite to direction q, so that a wave costs half an exponential.
+    For arrays with k R below the order, kappa(k |x - y|) = sum_q w_q exp(-j k (x - y) . u_q). Directions are equally
+    spaced in the plane, and those of Lebedev's rule in space (Lebedev and Laikov, Doklady Mathematics 59, 1999).
+    Direction Q / 2 + q is opposite to direction q, so that only half the exponentials are computed.
     """
     if dimension == 2:
         t = 2 * np.pi * np.arange(count) / count
@@ -187,7 +187,7 @@ def _sphere(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
     points, weights = lebedev_rule(degree)
     points = points.round(15) + 0.0  # no coordinate of -0 or of rounding size, which would decide below
-    first = np.array([u[np.flatnonzero(u)[0]] > 0 for u in points.T])  # one of each opposite pair
+    first = np.array([u[np.flatnonzero(u)[0]] > 0 for u in points.T])  # True for one direction of each opposite pair
     half, weights = points[:, first], weights[first] / weights.sum()
     return frozen_array(np.hstack([half, -half]), float), frozen_array(np.tile(weights, 2), float)
 
@@ -195,7 +195,7 @@ def _sphere(degree: int) -> tuple[np.ndarray, np.ndarray]:
 def plane_waves(x: Reals, k: Numbers, powers: Reals, dimension: int = 2) -> np.ndarray:
     """Return W (M, Q, N) complex128.
 
-    x : (N, D) float64, metres, from the centre, where a damped wave has the amplitude 1; k : (M,) rad/m;
+    x : (N, D) float64, metres, relative to the centre, where a damped wave has the amplitude 1; k : (M,) rad/m;
     powers : (M, Q) float64, S, power by direction
     """
     u, w = wave_directions(dimension, powers.shape[1])
@@ -220,7 +220,7 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
 
 
 def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
-    """Covariance (M, P) of a diffuse field over `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None."""
+    """Return kappa (M, P) at `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None without `slope`."""
     z = np.multiply.outer(wavenumbers, distance)
     k2 = wavenumbers[:, None] ** 2
     if dimension == 2:
@@ -233,7 +233,7 @@ def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: b
 
 
 def diffuse_matrices(x: Reals, wavenumbers: Reals, dimension: int, slope: bool):
-    """Diffuse kernel K (M, N, N) float64 at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
+    """Return K (M, N, N) of a diffuse field at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
     N, M = len(x), len(wavenumbers)
     first, second, pair = _pairs(N)
     distance = np.linalg.norm(x[first] - x[second], axis=1)
@@ -243,13 +243,13 @@ def diffuse_matrices(x: Reals, wavenumbers: Reals, dimension: int, slope: bool):
     K = np.take(kappa, pair, axis=1).reshape(M, N, N)
     if over is None:
         return K, None
-    over[:, -1] = 0.0  # of the diagonal
+    over[:, -1] = 0.0  # on the diagonal
     return K, np.take(over, pair, axis=1).reshape(M, N, N)
 
 
 @lru_cache(maxsize=8)
 def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First and second microphone of each pair (P,), and the pair of every element of a matrix (N N,); diagonal: P."""
+    """Return the microphones of each pair, (P,) and (P,), and the pair of each matrix element (N N,), P if diagonal."""
     first, second = np.tril_indices(N, -1)
     pair = np.full((N, N), len(first))
     pair[first, second] = pair[second, first] = np.arange(len(first))
@@ -257,24 +257,24 @@ def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return first, second, pair
 
 
-# of vectors u (M, N) and Hermitian matrices P (M, N, N)
+# function of vectors u (M, N) and Hermitian matrices P (M, N, N), see `plane_wave_covariance`
 Slopes = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def plane_wave_covariance(
     x: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice
 ) -> tuple[np.ndarray, Slopes]:
-    """Return K (M, N, N) complex128, and a function that makes of its slope D what the likelihood needs.
+    """Return K (M, N, N) complex128 of some modes, and a function that applies its derivative D.
 
-    x : (N, D) float64, metres, from the centre; wavenumbers : (M,) rad/m, real or complex;
-    powers : (M, Q), S, power by direction; modes : those of which the covariance is wanted
+    x : (N, D) float64, metres, relative to the centre; wavenumbers : (M,) rad/m, real or complex;
+    powers : (M, Q), S, power by direction; modes : modes whose covariance is returned
 
-    That function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j
-    (D, M, N) complex128 and Re sum_j D_a,ij conj(P_ij) (D, M, N). With the waves themselves,
+    The function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j
+    (D, M, N) complex128 and Re sum_j D_a,ij conj(P_ij) (D, M, N). It computes them from the waves,
 
         D_a = dW_a W^H,   dW_a,iq = -j k u_a,q W_iq,   sum_j D_a,ij conj(P_ij) = sum_q dW_a,iq conj((P W)_iq)
 
-    so that D, an (N, N) product for each axis, is not needed.
+    and does not form D, which would be an (N, N) product for each axis.
     """
     k, powers = np.asarray(wavenumbers), powers[modes]
     towards = wave_directions(dimension, powers.shape[1])[0][: x.shape[1]]
@@ -320,10 +320,10 @@ def _pair_slopes(
 
 
 def cosines_and_sines(x: Reals, k: Numbers, Q: int, dimension: int) -> np.ndarray:
-    """cos and sin of k x . u of half the Q directions, side by side : (M, N, Q) float64, not to be written to.
+    """Return cos and sin of k x . u for half the Q directions, side by side : (M, N, Q) float64, read-only.
 
-    A solver that tries a step, learns the powers there and goes on from there needs the same waves three times: those
-    of the last positions are kept. x : (N, D) float64, metres, from the centre; k : (M,) float64, rad/m
+    x : (N, D) float64, metres, relative to the centre; k : (M,) float64, rad/m. The waves at the last positions are
+    cached, because a solver needs them three times: for a trial, to learn the powers, and for the next step.
     """
     return _waves_of(np.ascontiguousarray(x).tobytes(), np.ascontiguousarray(k).tobytes(), x.shape[1], Q, dimension)
 
@@ -340,14 +340,14 @@ def _waves_of(places: bytes, wavenumbers: bytes, axes: int, Q: int, dimension: i
 
 
 def pair_powers(powers: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted sum a and difference b (M, Q / 2) of the `powers` (M, Q) of opposite directions."""
+    """Return the weighted sum a and difference b (M, Q / 2) of the `powers` (M, Q) of opposite directions."""
     half = powers.shape[1] // 2
     weighted = wave_directions(dimension, powers.shape[1])[1] * powers
     return weighted[:, :half] + weighted[:, half:], weighted[:, :half] - weighted[:, half:]
 
 
 def pair_covariance(waves: Reals, a: Reals, b: Reals, out: Complexes) -> None:
-    """K of pairs of undamped waves, (M, N, N) complex128, into `out`; `waves` of `cosines_and_sines`."""
+    """Write K of undamped waves in pairs into `out` (M, N, N) complex128; `waves` as of `cosines_and_sines`."""
     half = a.shape[1]
     weighted = waves * np.sqrt(np.concatenate([a, a], axis=1))[:, None]
     out.real = np.matmul(weighted, weighted.swapaxes(1, 2))
@@ -356,9 +356,9 @@ def pair_covariance(waves: Reals, a: Reals, b: Reals, out: Complexes) -> None:
 
 
 def damped_matrices(x: Reals, wavenumbers: Complexes, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """Covariance K (M, N, N) complex128 of a damped isotropic field in space, and D (D, M, N, N), 1/m, or None.
+    """Return K (M, N, N) complex128 of a damped isotropic field in space, and D (D, M, N, N), 1/m, or None.
 
-    x : (N, D) float64, metres, from the centre; wavenumbers : (M,) complex128, rad/m
+    x : (N, D) float64, metres, relative to the centre; wavenumbers : (M,) complex128, rad/m
     """
     (N, axes), M, (i, j) = x.shape, len(wavenumbers), np.tril_indices(len(x))
     apart, along = x[i] - x[j], x[i] + x[j]
@@ -380,7 +380,7 @@ def damped_matrices(x: Reals, wavenumbers: Complexes, slope: bool) -> tuple[np.n
 
 
 def _hermitian(values: Numbers, i: Integers, j: Integers, N: int) -> np.ndarray:
-    """(M, N, N) from the elements (M, P) of the lower triangle."""
+    """Return Hermitian matrices (M, N, N) with the elements `values` (M, P) of the lower triangle."""
     A = np.empty((len(values), N, N), values.dtype)
     A[:, j, i] = np.conj(values)
     A[:, i, j] = values

@@ -1,37 +1,37 @@
-"""The noise and the power of the field, by direction too, that make the pressures most likely at given positions.
+"""The noise, and the power of the field and its dependence on direction, that make the pressures most likely.
 
-Of an eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
-sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). An error e of a microphone adds the noise
-k^2 e^2 / dimension, the power of the field's gradient: at rough positions the high modes are hard to explain and the
-low ones are not.
+With the eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
+sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). A position error of sigma e adds noise of the power
+k^2 e^2 / dimension, which is that of the field's gradient times e^2. Rough positions therefore explain low modes better
+than high ones.
 
-Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which needs u = C^-1 q and
-d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m determines,
+Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which only needs
+u = C^-1 q and d = diag C^-1. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m
+determines,
 
     s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
     tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
 
-An inverse gamma prior adds so many observations of an expected value to the numerator and the denominator.
+An inverse gamma prior adds a number of observations of an expected value to the numerator and the denominator.
 
-The power by direction, that of a take, common to its rows, and how each row deviates from it:
+The power by direction consists of a spectrum for each take, and the deviations of its rows from it:
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
 With all S_q = 1 this is the diffuse field. A room is not diffuse: the direct sound and the early reflections of one
-source come from the same directions A_q at every frequency, and a resonance is a few plane waves of its own. Assuming a
-diffuse field biases the positions; a spectrum for each row alone is more than few microphones can tell. With
+source come from the same directions A_q at every frequency, and each resonance consists of a few plane waves. Assuming
+a diffuse field biases the positions, and few microphones cannot determine a spectrum for each row alone. With
 
-    alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the part of an observation that a row is of direction q,
+    alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the number of observations of direction q in a row (at most 1),
 
-one step of expectation and maximisation of a row by itself is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). The spectrum of a
-take follows from all its rows by a step of majorisation and minimisation, which is much faster where few microphones
-resolve little (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794):
+one step of expectation and maximisation for a single row is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). The spectrum of a
+take follows from all its rows by a step of majorisation and minimisation, which converges much faster where few
+microphones resolve little (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794):
 
     A_q <- A_q sqrt[(sum |alpha_q|^2 / s + c_q / A_q) / (sum r_q + c_q)],    c_q = ISOTROPY w_q sum_q sum r_q
 
-c is an inverse gamma prior of mode 1: without it ever sharper spectra explain ever smaller arrays. Then
-S <- (S + count A) / (1 + count): `count` observations that a row is like its take. Both have the mean 1.
-
+c is an inverse gamma prior of mode 1. Without it sharper and sharper spectra would explain smaller and smaller arrays.
+Finally S <- (S + count A) / (1 + count), where `count` is the weight of the take. S and A have the mean 1.
 """
 
 from dataclasses import dataclass
@@ -42,23 +42,23 @@ from ..model.validation import Complexes, Integers, Numbers, Reals
 from . import kernels
 from .likelihood import FieldModel, Terms, spectra
 
-MAX_NOISE_FRACTION = 0.7  # of the noise
-# least fraction of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+MAX_NOISE_FRACTION = 0.7  # largest noise fraction of an estimate
+# least noise fraction with the diffuse kernel, because it leaves that much of a damped field unexplained
 DIFFUSE_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """What the pressures leave unexplained at given positions."""
+    """Noise and position error that explain the residual."""
 
     noise_fraction: float  # noise over the mean power
-    spread: float  # metres, error of the positions beside it
-    alone: float  # noise over the mean power where the positions have no error
+    spread: float  # metres, one sigma of the position error
+    alone: float  # noise over the mean power if the positions had no error
     cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
 
 
 def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_fraction: float) -> NoiseEstimate:
-    """Return the noise and the position error of greatest likelihood; `corrected` (M, N) has unit mean power."""
+    """Return the likeliest noise and position error; `corrected` (M, N) has unit mean power."""
     from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
 
     values, along = spectra(positions, corrected, field)
@@ -85,24 +85,24 @@ def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 
 
-# of the field over that of the pressures: without noise a singular covariance would let it grow without bound
+# bounds on the power of the field over that of the pressures; a singular covariance without noise would let it diverge
 MIN_POWER = 1e-3
 MAX_POWER = 1e3
 
 
 def expected_power(field: FieldModel, corrected: Numbers) -> np.ndarray:
-    """Mean power of the corrected pressures less the noise (M,); noisy channels count less."""
+    """Return the mean power (M,) of the corrected pressures minus the noise, with less weight for noisy channels."""
     q2 = np.abs(corrected) ** 2
     weight = 1 / (1 + field.channel_noise * field.noise[:, None])
     mean = np.sum(weight * q2, axis=1) / np.sum(weight, axis=1)
     return np.maximum(mean - field.noise, MIN_POWER * mean)
 
 
-POWER_COUNT = 2.0  # observations that the mean power of the pressures is worth
+POWER_COUNT = 2.0  # weight of the expected power in observations
 
 
 def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
-    """Power of the field (M,), s, after one round of the fixed point."""
+    """Return the power s (M,) of the field after one iteration of the fixed point."""
     v = field.noise[:, None] * field.channel_noise
     gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
     energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
@@ -111,14 +111,14 @@ def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
     return np.clip(fresh, 1e-2 * expected, MAX_POWER * expected)
 
 
-CHANNEL_COUNT = 6.0  # observations that a channel is like the others
-# of a channel over that of the array
+CHANNEL_COUNT = 6.0  # weight of the expectation tau = 1 in observations
+# bounds on tau
 MIN_CHANNEL_NOISE = 0.3
 MAX_CHANNEL_NOISE = 1e6
 
 
 def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
-    """Noise of every channel over that of the array (N,), tau, of median 1, after one round of the fixed point."""
+    """Return the relative noise tau (N,) of the channels, of median 1, after one iteration of the fixed point."""
     v, tau, count = field.noise[:, None], field.channel_noise, CHANNEL_COUNT
     left = tau * np.sum(v * terms.precision, axis=0)
     seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
@@ -127,13 +127,13 @@ def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
 
 
 def hyper_cost(field: FieldModel, corrected: Numbers) -> float:
-    """-log density of power and channel noise by their priors, up to a constant."""
+    """Return -log density of power and channel noise in their priors, up to a constant."""
     ratio, tau = expected_power(field, corrected) / field.power, field.channel_noise
     of_power = POWER_COUNT * np.sum(ratio - 1 - np.log(ratio))
     return float(of_power + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
 
 
-ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
+ISOTROPY = 0.03  # weight of the prior of a diffuse field over that of the take; 0.01 to 0.3 change errors by 10 %
 
 
 def learned_powers(
@@ -141,8 +141,8 @@ def learned_powers(
 ) -> np.ndarray:
     """Return the power by direction (M, Q) float64 after some iterations from that of `field`.
 
-    x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : observations
-    that the spectrum of a row is that of its take. Raises ValueError for a field without directions.
+    x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : weight of the
+    take's spectrum in that of each row. Raises ValueError for a field without directions.
     """
     if (powers := field.directions) is None:
         raise ValueError("the field has no directions")
@@ -185,7 +185,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
 
 
 def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
+    """Return the same for undamped waves in opposite pairs, by real arithmetic; `waves` (M, N, Q) float64."""
     (M, N, Q), n = waves.shape, np.arange(int(waves.shape[1]))
     half, w = Q // 2, kernels.wave_directions(dimension, Q)[1]
     C = np.empty((M, N, N), complex)
