@@ -1,10 +1,11 @@
-"""Whether the end of a run can be trusted: one record for every solver.
+"""Whether the result of a run can be trusted, in one record for all solvers.
 
-A faulty channel does not spoil the verdict of the others: it is named, and the verdict is that of the rest.
+Faulty channels are named, and the verdict concerns the other channels only.
 
-A given position checks nothing where the others and the pressures place its microphone only roughly: that sigma is
+A given position checks the result only if the pressures and the other given positions determine its microphone well.
+Their covariance for this microphone is
 
-    (P^-1 - spring)^-1 ,   P the covariance of its microphone, spring the curvature of its prior
+    (P^-1 - spring I)^-1 ,   P the covariance of its position, spring the curvature of the given position's prior
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,19 +32,20 @@ ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as i
 class Assessment:
     """The positions at the end of a run and what is known about their quality."""
 
-    # (N, D) float64, metres; of the corrected sound speed where it was estimated, exchanges undone
+    # (N, D) float64, metres, at the estimated sound speed where it was estimated, with exchanged channels put right
     positions: np.ndarray
-    problem: Problem  # with the corrected sound speed likewise
-    # verdict, message: code of the first finding, and what it means and what to do; arguments stand in angle brackets
+    problem: Problem  # with the same sound speed
+    # verdict, message: code of the first finding that applies, and its text with the remedy; the text has arguments in
+    # angle brackets
     verdict: str
     message: str
     covariance: np.ndarray  # (N, D, D) float64, metres^2, of each position at the minimum
-    search_spread: np.ndarray  # (N,) float64, metres, how far the optima of the search lie apart; 0 where all are one
+    search_spread: np.ndarray  # (N,) float64, metres, distance between the optima of the search; 0 where they agree
     evidence: Evidence
     room: KnownRoom | None = None  # of a solver that knows the room
     channels: Channels | None = None  # of a solver that finds the gains of the channels, or their noise
     sound_speed_sigma: float | None = None  # one sigma of an uncertain sound speed, m/s
-    wording: Mapping[str, str] = field(default_factory=dict)  # how `verdict_text` calls the arguments
+    wording: Mapping[str, str] = field(default_factory=dict)  # names of the arguments in `verdict_text`
 
     @property
     def uncertainty(self) -> np.ndarray:
@@ -52,12 +54,16 @@ class Assessment:
 
     @property
     def verdict_text(self) -> str:
-        """The message with its arguments called as in `wording`."""
+        """The message with its arguments named as in `wording`."""
         return word_arguments(self.message, self.wording)
 
 
 def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, scale: float | None = None):
-    """Return the assessment of what a solver has found; `scale`: sound speed of a given distance over the problem's."""
+    """Return the assessment of an estimate.
+
+    names : of the microphones, their numbers unless given; scale : sound speed that follows from a given distance, over
+    that of the problem
+    """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)
@@ -92,7 +98,7 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
 
 
 def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None) -> Judged:
-    """Return what the verdict rests on."""
+    """Return the evidence for the verdict."""
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
     faulty = {} if single else faulty_channels(estimate, covariance, names)
@@ -104,23 +110,23 @@ def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None)
 
 
 def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:
-    """Probability of the disagreement with the given positions that count, and sigma of the loosest, metres."""
+    """Return the probability of the disagreement with the right given positions, and sigma of the loosest, metres."""
     problem, given = estimate.problem, estimate.given
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
     loosest, curvature = 0.0, curvature_of(estimate)
-    if given.sigma > 0:  # of the given microphone that the others and the pressures place least certainly; 1 m at most
+    if given.sigma > 0:  # the largest sigma of a given microphone without its own given position; 1 m at most
         places = zip(problem.known[kept], given.stiffness[kept], strict=True)
         left = [np.linalg.eigvalsh(np.linalg.inv(curvature[n]) - spring * np.eye(D)) for n, spring in places]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in left))
-    if given.carry_scale:  # what an isotropic field says of the size is no evidence against them
+    if given.carry_scale:  # the size that an isotropic field shows is no evidence against given positions
         return 1.0, loosest
     return given.probability(kept), loosest
 
 
 def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
-    """Gain and noise of every channel, what is wrong with it, and given positions as corrected."""
+    """Return gain, noise and fault of every channel, and the given positions with the positions found."""
     found, names, problem = estimate.channels, seen.names, estimate.problem
     wrong = {n for n, one in seen.faulty.items() if one.kind in OF_LIST}
     numbers: list[int] = problem.known.tolist()

@@ -1,6 +1,6 @@
-"""The result of a calibration: `Calibration`, its parts, its errors against the truth, and what it can be turned into.
+"""The result of a calibration: `Calibration`, its parts, and its errors against the true positions.
 
-Methods that other modules carry out (files, tables, pictures, other programs' formats) are bound by `fdcal.METHODS`.
+`fdcal.METHODS` binds methods that other modules implement: files, tables, pictures, formats of other programs.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class Evidence:
     leave_one_out_db : float or None
         Leave-one-out prediction error over pressure, decibels, of all microphones and frequencies together.
     microphones_db : (N,) float64 or None
-        The same of each microphone.
+        The same for each microphone.
     frequencies_db : (M,) float64 or None
-        The same of each frequency.
+        The same for each frequency.
     noise_to_given : float or None
-        Noise that the solver finds over the noise given, medians of the frequencies: the factor in the words of
-        the verdict model_mismatch. None without a given noise.
+        Noise that the solver finds over the given noise, medians over the frequencies; the verdict model_mismatch
+        quotes it. None if no noise is given.
     """
 
     residual_to_noise: float
@@ -92,15 +92,15 @@ class KnownRoom:
 class FaultKind:
     """What all faults of a kind have in common."""
 
-    question: str  # of `fdcal doctor`, to which such a fault belongs
-    mend: bool = False  # whether a cable or a row of a list mends it, rather than what the microphone is like
-    minor: bool = False  # whether another kind of microphone has it, and a calibration takes it out
+    question: str  # question of `fdcal doctor` to which the fault belongs
+    mend: bool = False  # whether the user can repair it, by a cable or by a row of a list
+    minor: bool = False  # whether it is a property of another type of microphone, which a calibration corrects
 
 
-# All kinds of faults, which verdict, `--check`, import, `fdcal record` and `fdcal doctor` read: of the samples
-# (`fdcal.recordings.channels`), of clocks (`fdcal.recordings.synchrony`), of what the pressures say of channels and of
-# given positions (`fdcal.assessment.channels`), of a list (`fdcal.assessment.position_check`), and of a recording as a
-# whole (`fdcal.session.doctor`).
+# All kinds of faults, for verdict, `--check`, import, `fdcal record` and `fdcal doctor`. Faults of samples are found in
+# `fdcal.recordings.channels`, of clocks in `fdcal.recordings.synchrony`, of channels and given positions in
+# `fdcal.assessment.channels`, of lists in `fdcal.assessment.position_check`, and of whole recordings in
+# `fdcal.session.doctor`.
 FAULTS: Mapping[str, FaultKind] = MappingProxyType({
     "silent": FaultKind("samples", mend=True),
     "clipped": FaultKind("samples"),
@@ -179,10 +179,10 @@ class GivenPosition:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Gain and noise of every channel, and given positions as found.
+    """Gain and noise of every channel, and the positions found where positions were given.
 
-    Solver "robust" seeks gains and corrects given positions; "joint" takes gains as 1, but for gross faults, and given
-    positions as exact.
+    Solver "robust" estimates gains and corrects given positions. Solver "joint" takes gains as 1 except for gross
+    faults, and given positions as exact.
 
     Attributes
     ----------
@@ -216,19 +216,19 @@ class Channels:
 
     @property
     def faulty(self) -> set[str]:
-        """Names of the microphones whose channel is not healthy; a position given wrongly is no fault of a channel."""
+        """Names of the microphones with a faulty channel; a wrong given position is not a fault of the channel."""
         return {fault.name for fault in self.faults if fault.kind != "misplaced"}
 
     @property
     def correction(self) -> ChannelCorrection:
-        """Gains and noise as costs take them."""
+        """Gains and noise in the form that costs use."""
         gains = 10 ** (self.gain_db / 20) * np.exp(1j * np.radians(self.phase_deg))
         return ChannelCorrection(gains, 10 ** (self.noise_db / 10))
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a result is computed from; `states` runs the solver again, and takes the same steps up to `step`."""
+    """The input of a calibration; `states` runs the solver again, with the same steps up to `step`."""
 
     measurement: Measurement
     problem: Problem
@@ -254,7 +254,7 @@ class Calibration:
     cost : float
         What the solver minimised; dimensionless with modes of unit RMS. Solvers minimise different quantities.
     cost_db : float or None
-        Eq. 7 over all modes that the microphones can carry, dB of their power: alike for all solvers.
+        Eq. 7 over all modes that the microphones can carry, dB relative to their power; comparable between solvers.
     sweeps : int
         Number of times that all free microphones were moved.
     elapsed : float
@@ -289,9 +289,10 @@ class Calibration:
     sound_speed_sigma : float or None
         One sigma of a sound speed that was estimated with the positions, m/s.
     order : tuple of str or None
-        Name of the microphone at whose place in a list each one stands, where the file has a comparison that fits.
+        For each microphone, the name of the row of a list at whose position it stands, if the file has a comparison
+        that fits.
     run : Run or None
-        What `show` plays, of a result of `fdcal.calibrate`; no file holds it.
+        The run that `show` plays, for a result of `fdcal.calibrate`; files do not hold it.
 
     Examples
     --------
@@ -330,7 +331,7 @@ class Calibration:
     order: tuple[str, ...] | None = None
     run: Run | None = None
 
-    # Methods that modules above this one carry out; `fdcal.METHODS` binds them.
+    # Methods that modules above this one implement; `fdcal.METHODS` binds them.
     save: ClassVar[Callable[..., None]]
     load: ClassVar[Callable[..., Calibration]]
     to_json: ClassVar[Callable[..., str]]
@@ -346,7 +347,7 @@ class Calibration:
 
     @property
     def healthy(self) -> np.ndarray:
-        """Numbers of the microphones with a healthy channel, of all if there is none : (K,) int64."""
+        """Numbers of the microphones with a healthy channel, or of all if there is none : (K,) int64."""
         faulty = set() if self.channels is None else self.channels.faulty
         healthy = np.flatnonzero([name not in faulty for name in self.names])
         return healthy if len(healthy) else np.arange(len(self.names))
@@ -370,16 +371,16 @@ class Calibration:
     def frame(self) -> str:
         """The coordinate axes of `positions`, and of every file and table of this result.
 
-        "known": those of the positions given; "room": those of the room of solver "room"; "axes" of a blind array: its
-        centre is the origin, x its longest axis, then y.
+        "known" are the axes of the given positions, and "room" those of the room of solver "room". "axes" are those of
+        an array without given positions: the origin is its centre, x its longest axis and y the next one.
         """
         return "room" if self.room is not None else "axes" if self.known == () else "known"
 
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
-        A blind result is moved as a whole onto the true positions, by its healthy channels; of the symmetries of a
-        known room the nearest one is taken.
+        A result without given positions is moved as a whole onto the true positions, by its healthy channels. For a
+        known room the nearest of its symmetries is taken.
 
         Parameters
         ----------
@@ -393,7 +394,7 @@ class Calibration:
         Raises
         ------
         InputError
-            The result is of another number of microphones than the measurement.
+            Result and measurement have different numbers of microphones.
         """
         shape = (measurement.count, measurement.array_dimension)
         if self.positions.shape != shape:
@@ -441,7 +442,7 @@ class Calibration:
 
 
 def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
-    """Return the microphones of a result, in another frame of `fdcal.model.gauge.FRAMES` if one is given."""
+    """Return the microphones of a result, in its own frame or in `frame`, one of `fdcal.model.gauge.FRAMES`."""
     if frame == "known" and result.known == ():
         problem = "frame = known, but no microphone was known"
         raise InputError(problem, "use <frame> minimal or axes", key="frame", value="known")

@@ -1,12 +1,12 @@
-"""Channels and given positions that are not what they should be, and what is wrong with each.
+"""Faults of channels and of given positions that the pressures show.
 
-inverted, gain     the gain or phase is far from that of the others
-delayed            the phase against what the others predict falls with the frequency
-high_pass          bass is cut, or less cut than that of the others, as by a first-order high-pass
-dead               the others predict nothing of it, or it holds no more than they expect of noise
-noisy              its noise is far above that of the others
-misplaced          a given position that the pressures contradict
-exchanged          two channels, or two given positions, each in the other's place
+inverted, gain     phase or gain differ much from those of the other channels
+delayed            the phase relative to the prediction by the others falls with frequency
+high_pass          a first-order high-pass at another corner frequency than that of the other channels
+dead               the others predict nothing of the signal
+noisy              the noise is far above that of the others
+misplaced          a given position contradicts the pressures
+exchanged          two channels, or two given positions, are in each other's place
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,31 +16,31 @@ import numpy as np
 from ..solvers.interface import Estimate
 from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
-INVERTED_PHASE = 2.5  # radians, phase
-MAX_NOISE = 12.0  # noise of a channel over that of the median channel
-# fraction of the power below which noise is no fault: the misfit of the field model may be a channel's
+INVERTED_PHASE = 2.5  # radians, absolute phase above which a channel counts as inverted
+MAX_NOISE = 12.0  # noise over that of the median channel above which a channel is noisy
+# fraction of the power below which noise is not a fault, because the misfit of the field model may cause it
 MIN_NOISE = 1e-4
-UNPREDICTED = 0.5  # fraction of a channel's variance, or of its power, that the others do not predict
-UNPREDICTED_TO_MEDIAN = 3.0  # the same over that of the median channel
+UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
+UNPREDICTED_TO_MEDIAN = 3.0  # the same fraction over that of the median channel, which must be exceeded as well
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:
-    """Return all channels and given positions that stand out, by the number of the microphone, ascending.
+    """Return the faults of channels and given positions, by the number of the microphone, ascending.
 
     `covariance` (N, D, D), metres^2, of each position; `names` of the N microphones.
     """
     faulty, channels = {}, estimate.channels
     tau, gains, terms = np.array(channels.noise), channels.gains, estimate.field.terms
     contradicted = estimate.given.contradicted
-    if contradicted is not None and estimate.given.sigma == 0:  # there the error of a position has become noise
+    if contradicted is not None and estimate.given.sigma == 0:  # at a wrong exact position the error appears as noise
         tau[estimate.problem.known] = contradicted.noise
     tau = np.where(tau * estimate.field.noise_fraction < MIN_NOISE, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > UNPREDICTED) & (alone > UNPREDICTED_TO_MEDIAN * np.median(alone))
-    lost[estimate.problem.known] = False  # their positions hold them, however far the others are
-    # The solver's spreads are those of the channels whose gain it does not take for grossly wrong. Where the channels
-    # differ by several decibels these are too few, and the median deviation of all channels is larger.
+    lost[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
+    # The solver's prior sigma excludes channels with gross faults. Where all channels differ by several decibels, it
+    # excludes too many, and the median deviation of all channels is larger.
     scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
     far = np.abs(gains) > np.maximum(GAIN_SIGMAS * np.maximum(channels.spread, scatter), MIN_GAIN)
     filtered = _filtered(estimate, names)
@@ -60,20 +60,20 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     return {n: faulty[n] for n in sorted(faulty)}
 
 
-GAIN_SIGMAS = 4.0  # spreads of the gains, or phases, of all channels
-MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
+GAIN_SIGMAS = 4.0  # deviation of gain or phase that is a fault, in sigmas of all channels
+MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, below which a deviation is never a fault
 MEDIAN_OF_NORMAL = 0.6745  # median absolute deviation of a normal distribution over its sigma
-FILTER_SIGMAS = 4.0  # sigmas of a delay, or of a corner frequency
-# seconds and hertz that are never a fault
+FILTER_SIGMAS = 4.0  # deviation of a delay or a corner frequency that is a fault, in its own sigmas
+# seconds and hertz below which a deviation is never a fault
 MIN_DELAY = 2e-5
 MIN_CORNER = 3.0
 
 
 def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFault]:
-    """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty.
+    """Return the channels with a significant delay or high-pass.
 
-    Where few waves make a field less random than assumed, the part of sigma that the data decide grows; here all of
-    it does, which is an upper bound.
+    In a field of few waves the part of sigma that is due to the data is enlarged by the excess. Here all of sigma is
+    enlarged, which is an upper bound.
     """
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
@@ -90,15 +90,15 @@ def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFaul
     return found
 
 
-COHERENT = 0.5  # fraction of the power that a delay must explain
-DELAY_GAIN = 1.02  # coherence at the best delay over that without delay
-# seconds, delays tried
+COHERENT = 0.5  # least fraction of the power that a delay explains
+DELAY_GAIN = 1.02  # least ratio of the coherence with a delay to that without
+# seconds, largest delay that is tried, and step
 MAX_DELAY = 2e-3
 DELAY_STEP = 1e-5
 
 
 def _unexplained(estimate: Estimate, n: int, name: str, lost: bool) -> ChannelFault:
-    """Return what is wrong with a channel that its place and gain do not explain: delayed, dead or noisy."""
+    """Return the fault of a channel that position and gain do not explain: delayed, dead or noisy."""
     terms = estimate.field.terms
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
     steps = round(MAX_DELAY / DELAY_STEP)
@@ -114,20 +114,21 @@ def _unexplained(estimate: Estimate, n: int, name: str, lost: bool) -> ChannelFa
     return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
 
 
-# sigmas and metres, distance from a given position; the larger one counts
+# A given position is wrong if its microphone is farther away than both limits, in sigmas and in metres.
 MISPLACED_SIGMAS = 3.0
 MIN_MISPLACED = 0.006
-# sigmas and metres within which a channel is in another's place, likewise
+# Two microphones are exchanged if one is closer to the other's given position than the larger of two limits, in sigmas
+# and in metres, and than a fraction of the distance from its own given position.
 EXCHANGED_SIGMAS = 3.0
 MIN_EXCHANGED = 0.005
-EXCHANGED_FRACTION = 0.3  # the same over the distance from its own given position
+EXCHANGED_FRACTION = 0.3
 
 
 def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int, ChannelFault]:
-    """Return the given positions that the pressures contradict, and exchanges."""
+    """Return the wrong and the exchanged given positions."""
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
-    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all are inaccurate none of them is wrong
+    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # if all given positions are inaccurate, none of them is wrong
     for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         if x is estimate.positions or found is None:
@@ -149,16 +150,16 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
 
 
 def shown_positions(estimate: Estimate) -> np.ndarray:
-    """Return where the pressures show the microphones (N, D), metres, also those at exact positions that are wrong.
+    """Return the positions (N, D), metres, that the pressures show.
 
-    Exact positions never move in the estimate, however far the pressures put the microphone.
+    They differ from the estimate where exact given positions are wrong, because these never move in the estimate.
     """
     found = estimate.given.contradicted
     return estimate.positions if found is None or estimate.given.sigma > 0 else found.positions
 
 
 def exchanged_back(estimate: Estimate, faulty: Mapping[int, ChannelFault], names: Sequence[str]) -> np.ndarray:
-    """Return the positions (N, D), metres, with a free channel that was exchanged with a given one in its own place."""
+    """Return the positions (N, D), metres, with exchanges of a free channel and a known one put right."""
     x, shown = np.array(estimate.positions), shown_positions(estimate)
     known = set(estimate.problem.known.tolist())
     for n, fault in faulty.items():

@@ -1,17 +1,17 @@
 """The sound field between the microphones, and the prediction of each microphone by the others.
 
-The expansion of Eq. 2 is fitted to the pressures of each frequency with a prior: the coefficients are those of a
-diffuse field in noise, so that a high order does no harm. This is the conditional mean of a Gaussian process with the
-covariance s W W^H + v I; k may be complex.
+The expansion of Eq. 2 is fitted to the pressures of each frequency. The prior of its coefficients is a diffuse field in
+noise, so that a high order does no harm. The fit is the conditional mean of a Gaussian process with the covariance
+s W W^H + v I; k may be complex.
 
     alpha = A^-1 W^H p,    A = W^H W + mu I,    mu = v / s,    p(x) = w(x)^T alpha,    sigma(x)^2 = v w^T A^-1 w*
 
-    W, w     dictionary at the microphones and at x, about the centre of the array (Eq. 4, or its like in space)
+    W, w     dictionary at the microphones and at x, about the centre of the array (Eq. 4, or its equivalent in space)
     s, v     power of the field and of the noise
-    C        W W^H + mu I; the others predict p_n up to the leave-one-out error (C^-1 p)_n / (C^-1)_nn
+    C        W W^H + mu I; the leave-one-out error of p_n is (C^-1 p)_n / (C^-1)_nn
 
-Neither needs the true positions, so that cross-validation checks a calibration in the field. It is a little optimistic:
-the pressures of a microphone also helped to estimate its own position.
+Cross-validation does not need the true positions and can therefore check every calibration. It is slightly optimistic,
+because the pressures of a microphone were used to estimate its position.
 """
 
 from dataclasses import dataclass, replace
@@ -27,14 +27,14 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
 from ..model.validation import Hertz, InputError, Metres, convert, frozen_array
 
-EXTRA_ORDERS = 8  # beyond ceil(k R): the rest of W W^H is below 1e-9
-NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
+EXTRA_ORDERS = 8  # orders beyond ceil(k R), after which the rest of W W^H is below 1e-9
+NOISE_DEFLATION = 3.0  # divisor of the noise in mu, because a room's field is less isotropic than this prior
 TINY = np.finfo(float).tiny
-BLOCK = 4096  # points evaluated at a time
-CELLS = 60  # of the lattice along the longest side, unless a step is given
+BLOCK = 4096  # points evaluated together
+CELLS = 60  # lattice cells along the longest side, unless a step is given
 MAX_POINTS = 500_000  # of the lattice
-FREQUENCY_TOLERANCE = 0.05  # relative: the nearest measured frequency must be this close to the one asked for
-EDGE = 1e-9  # of the array's extent: microphones on its hull are inside
+FREQUENCY_TOLERANCE = 0.05  # largest relative difference between the frequency asked for and the nearest measured one
+EDGE = 1e-9  # tolerance, as a fraction of the array's extent, so that microphones on the hull are inside
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,9 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
 def leave_one_out_errors(
     problem: Problem, positions, modes: slice, noise: np.ndarray | None = None, healthy: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the pressure of each microphone less its prediction by the others : (modes, N) complex128.
+    """Return the pressure of each microphone minus its prediction by the others : (modes, N) complex128.
 
-    Where only some microphones (N,) bool are `healthy`, these alone predict each other and the rest. Other parameters
-    as of `expansions`.
+    Only `healthy` (N,) bool microphones are used to predict; None for all. Other parameters as of `expansions`.
     """
     x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
     seen = np.ones(len(x), bool) if healthy is None else healthy
@@ -101,7 +100,7 @@ def leave_one_out_errors(
 
 
 def _field(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> FieldModel:
-    """Return an isotropic field of the modes in use, and the noise (M,), or that left unexplained."""
+    """Return an isotropic field of the modes in use, with the `noise` (M,) or, without it, with the estimated noise."""
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
     power = mode_power(p)
     if noise is None:
@@ -138,7 +137,7 @@ def cross_validate(
 
 
 def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | None = None) -> CrossValidation:
-    """Return the normalised powers of leave-one-out errors of pressures (M, N); means are over `healthy` ones."""
+    """Return the normalised powers of the leave-one-out errors of pressures (M, N), averaged over `healthy` ones."""
     counted = slice(None) if healthy is None else healthy
     power = mode_power(pressures[:, counted])[:, None]
     signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
@@ -180,8 +179,9 @@ def field_map(
 ) -> FieldMap:
     """Return the field between microphones at `positions` (N, D), metres, at some of the measured frequencies.
 
-    Of several takes it is the field of the first. `wanted` are frequencies, Hz, the lowest, middle and highest unless
-    given; `step` is that of the lattice, a sixtieth of the longest side unless given.
+    The first take is used if there are several. wanted : frequencies, Hz, by default the lowest, middle and highest;
+    step : of the lattice, metres, by default a sixtieth of the longest side; speed : sound speed, m/s, by default that
+    of the measurement
     """
     x = np.asarray(positions, float)
     if measurement.take_count > 1:  # equal frequencies of other takes are other fields

@@ -82,7 +82,7 @@ def triangular_inverses(G: np.ndarray) -> np.ndarray:
 
 
 def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return C^-1 (M, N, N) and log det C (M,), or raise LinAlgError if C is not positive definite; C is overwritten."""
+    """Return C^-1 (M, N, N) and log det C (M,), or raise LinAlgError if C is not positive definite; overwrites C."""
     if C.shape[1] <= FEW:
         try:
             G = np.linalg.cholesky(C)
