@@ -35,13 +35,13 @@ from .panels import SessionFolders, Tabs
 from .prepare import DisplayFrame, PreparedRun
 from .scene3d import SceneNodes
 from .scheduler import Memo, Scheduler
-from .state import Choices, PageState, PositionUncertainty
+from .state import Choices, PageState
 
 
-def uncertainty_of(
+def ellipses_of(
     found: Assessment | None, frame: DisplayFrame | None = None, positions: Any = None
-) -> PositionUncertainty | None:
-    """Return the uncertainty at the end of a run, None before it and where it cannot be determined.
+) -> np.ndarray | None:
+    """Return the half axes of the 95 % ellipses at the end of a run; None before it, and where they are unknown.
 
     In a known room each position has images; their ellipses are not drawn.
 
@@ -50,8 +50,7 @@ def uncertainty_of(
     if found is None or found.room is not None or not np.isfinite(found.covariance).all():
         return None
     axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
-    axes = axes if frame is None else frame.axes(positions, axes)
-    return PositionUncertainty(axes, found.uncertainty, found.verdict, found.verdict_text, found.channels)
+    return axes if frame is None else frame.axes(positions, axes)
 
 
 VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
@@ -127,14 +126,15 @@ class SessionPicture:
         microphone: int,
         floor: Floor | None = None,
         volume: Volume | None = None,
-        uncertainty: PositionUncertainty | None = None,
+        found: Assessment | None = None,
+        axes: np.ndarray | None = None,
         moving: MovingMicrophone | None = None,
     ) -> Picture:
         """Return the picture of a state, as `frame` has moved it.
 
-        `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
-        of the state, or None; `volume`: the cost in space, or None; `moving`: a microphone that is
-        dragged or rolls, or None.
+        `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `volume`: the cost in space,
+        or None; `found`, `axes`: assessment and ellipses of the state, or None; `moving`: a microphone that is dragged
+        or rolls, or None.
         """
         self.ball = None
         self.places = positions = np.array(view.state.positions, float)
@@ -157,22 +157,17 @@ class SessionPicture:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             paths = np.array([self._frame.positions(state.positions) for state in past])
             picture = overlays.with_trails(picture, paths, floor)
-        if choices.ellipses and uncertainty is not None:
+        faults = () if found is None or found.channels is None else found.channels.faults
+        faulty = [measurement.names.index(fault.name) for fault in faults]
+        if choices.ellipses and found is not None and axes is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
-            scale = overlays.ellipse_scale(uncertainty.axes, extent)
-            every = np.arange(len(uncertainty.sigma))
-            healthy = np.setdiff1d(every, [*self._run.problem.known, *self._faulty(uncertainty)])
-            sigma = root_mean_square(uncertainty.sigma[healthy if len(healthy) else every])  # as the verdict has it
-            note = f"one sigma {length_text(sigma, 2)}"
-            picture = overlays.with_ellipses(picture, positions, uncertainty.axes, floor, scale, note)
-        if uncertainty is not None and uncertainty.channels is not None:
-            picture = overlays.with_faulty_channels(picture, positions, self._faulty(uncertainty), floor)
+            healthy = np.setdiff1d(every := np.arange(len(axes)), [*self._run.problem.known, *faulty])
+            sigma = root_mean_square(found.uncertainty[healthy if len(healthy) else every])  # as the verdict has it
+            note, scale = f"one sigma {length_text(sigma, 2)}", overlays.ellipse_scale(axes, extent)
+            picture = overlays.with_ellipses(picture, positions, axes, floor, scale, note)
+        if axes is not None:
+            picture = overlays.with_faulty_channels(picture, positions, faulty, floor)
         return picture
-
-    def _faulty(self, found: PositionUncertainty) -> list[int]:
-        """Return the microphones with a faulty channel."""
-        names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
-        return [n for n, name in enumerate(self._measurement.names) if name in names]
 
 
 LEVEL = 1.0  # dB, of the scale of a map below which all places fit about as well
@@ -214,7 +209,7 @@ class Viewer:
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         self._moved: tuple[np.ndarray, float] | None = None  # whence the last step has moved a microphone, and when
-        self.drawn, self._volume, self._uncertainty = Memo(), Memo(), Memo()
+        self.drawn, self._volume, self._ellipses = Memo(), Memo(), Memo()
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
         try:
@@ -294,11 +289,11 @@ class Viewer:
         if drawn is not None and drawn.volume is not None and choices.dark:
             drawn = self._volume(lambda: replace(drawn, volume=brightened(drawn.volume)), drawn)
         self.found = found
-        uncertainty = self._uncertainty(lambda: uncertainty_of(found, frame, newest.state.positions), found)
+        axes = self._ellipses(lambda: ellipses_of(found, frame, newest.state.positions), found)
         note = self.run.warmup.text if self.run.warmup else ""
         state = PageState(
             view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, note, found,
-            uncertainty, assessing, sought, self.run, choices,
+            axes, assessing, sought, self.run, choices,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
@@ -311,7 +306,7 @@ class Viewer:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
         floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        parts = floor, volume, state.uncertainty
+        parts = floor, volume, state.found, state.axes
 
         def draw() -> Picture:
             picture = self._picture.draw(state.view, choices, state.microphone, *parts, moving)

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..assessment.calibration import Channels
 from ..cost.eq7 import ORDER_OFFSET
 from ..graphics.picture import z_range_of
 from ..model.measurement import Measurement
@@ -148,18 +147,6 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
 
 
 @dataclass(frozen=True)
-class PositionUncertainty:
-    """Uncertainty of N positions."""
-
-    axes: np.ndarray  # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
-    sigma: np.ndarray  # (N,) float64, metres, one standard deviation
-    # verdict, text: the verdict and its message
-    verdict: str = ""
-    text: str = ""
-    channels: Channels | None = None  # of a solver that finds the gains of the channels, or None
-
-
-@dataclass(frozen=True)
 class PageState:
     """What the page shows; all of its views are functions of this state."""
 
@@ -173,7 +160,8 @@ class PageState:
     fault: str = ""  # an exception of the page, as text
     note: str = ""  # on work in the background
     found: Assessment | None = None  # of the state, once the solver has finished
-    uncertainty: PositionUncertainty | None = None  # likewise
+    # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; None where `found` has none
+    axes: np.ndarray | None = None
     assessing: bool = False  # whether there will be one
     sought: np.ndarray | None = None  # numbers of the microphones whose errors are averaged; None: as in the run
     run: Any = None  # PreparedRun; like `choices`, None in tests of views that do not need it

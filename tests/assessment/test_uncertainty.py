@@ -33,7 +33,7 @@ from fdcal.solvers import load
 from fdcal.solvers.interface import Estimate, TriedOptimum
 from fdcal.solvers.robust.result import estimate_at
 from fdcal.solvers.robust.spread import sandwich
-from fdcal.viewer.session_view import uncertainty_of
+from fdcal.viewer.session_view import ellipses_of
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]
 KNOWN, NONE = np.array([0, 4, 7]), np.zeros(0, int)
@@ -275,7 +275,7 @@ def test_every_ellipse_holds_95_percent(dimension):
     found = SimpleNamespace(
         room=None, covariance=blocks, uncertainty=np.ones(len(blocks)), verdict="good", verdict_text="", channels=None
     )
-    for axes, block in zip(uncertainty_of(found).axes, blocks, strict=True):
+    for axes, block in zip(ellipses_of(found), blocks, strict=True):
         assert_holds_95_percent(axes, block)
     if dimension == 2:
         outlines = []

@@ -98,19 +98,20 @@ class MicrophonesTab(Tab):
 
     def inputs(self, state: PageState) -> tuple:
         """Return what plot and tables show."""
-        return state.view.state, state.view.index, state.microphone, state.uncertainty
+        return state.view.state, state.view.index, state.microphone, state.found, state.axes
 
     def show(self, tick: PageState) -> None:
         """Bring plot and tables up to date."""
-        view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
+        view, measurement = tick.view, self._binding.measurement
+        found = tick.found if tick.axes is not None else None
         self.error_by_distance.show(view)
-        sigma, channels = (None, None) if found is None else (found.sigma, found.channels)
+        sigma, channels = (None, None) if found is None else (found.uncertainty, found.channels)
         sought = slice(None) if tick.sought is None else tick.sought
         positions = np.asarray(view.state.positions)
         self.table.content = position_table(measurement, positions, sigma, tick.microphone, sought)
         self.given.content = given_table(channels)
         if found is not None and channels is not None:
-            verdict = f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.text)}"
+            verdict = f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.verdict_text)}"
             rows = channel_table(measurement.names, channels, MAX_ROWS)
             self.channels.content = f"<div style='{CARD} font-size: var(--note)'>{verdict}</div>{rows}"
         else:

@@ -127,7 +127,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
 
 def _table(snapshot: PageState) -> bytes:
     positions = snapshot.view.state.positions
-    sigma = None if snapshot.uncertainty is None else snapshot.uncertainty.sigma
+    sigma = None if snapshot.found is None or snapshot.axes is None else snapshot.found.uncertainty
     return position_table(snapshot.run.measurement, positions, sigma, snapshot.counted).encode()
 
 
