@@ -107,7 +107,6 @@ def with_distance(job: Job) -> CalibrationInput:
 REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
     "use fewer modes": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
-    "use more modes": lambda job: in_modes(job, 2 * len(job.result.frequencies)),
     "give known microphones": more_known,
     "name known microphones": more_known,
     "more known microphones": more_known,

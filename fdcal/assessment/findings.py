@@ -40,7 +40,7 @@ CAUSES = (
     " faulty channels, or positions not found yet"
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
-MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; left out where all modes are in use
+MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or leaves it out
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
 
 
@@ -505,7 +505,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
 def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estimate | RoomEstimate) -> tuple[str, str]:
     """Return code and message, words and remedy in one line, of the first finding that applies."""
     found = next(one for one in findings if one.applies(seen, one.limit))
-    words, remedy, frequencies = found.words(seen), found.remedy, estimate.problem.frequencies
-    if len(frequencies[estimate.modes]) == len(frequencies):
-        remedy = remedy.replace(MORE_MODES, "")
+    words, measured = found.words(seen), estimate.problem.frequencies
+    used = len(measured[estimate.modes])
+    more = f"use <modes> {min(2 * used, len(measured))}, or " if used < len(measured) else ""
+    remedy = found.remedy.replace(MORE_MODES, more)
     return found.code, f"{words}; {remedy}" if remedy else words

@@ -592,7 +592,8 @@ def test_more_modes_are_a_remedy_only_where_there_are_more(estimate):
     for remedy in remedies:
         finding = replace(FINDINGS[-1], applies=lambda *_: True, words=lambda _: "uncertain", remedy=remedy)
         texts = [first_finding([finding], None, replace(estimate, modes=m))[1] for m in (slice(0, 5), slice(None))]
-        assert texts == [f"uncertain; {remedy}", f"uncertain; {remedy.partition(', or ')[2]}"]
+        other = remedy.partition(", or ")[2]
+        assert texts == [f"uncertain; use <modes> 10, or {other}", f"uncertain; {other}"]
 
 
 # --- the end, not the way to it --------------------------------------------------------------------------------------
