@@ -297,6 +297,7 @@ def test_words_json_and_figure_have_the_numbers_of_the_plan():
     plan = make_plan(request_of("ball 12 0.3", takes=3))
     table = json.loads(json.dumps(plan_dict(plan)))
     assert (table["bound_rms_m"], table["text"]) == (plan.bound.rms, plan_lines(plan))
+    assert plan.forecast.low < plan.forecast.rms < plan.forecast.high
     assert table["table"]["expected_rms_m"][2][0] == plan.forecast.rms
     layout = plan.request.layout
     assert len(draw_plan(layout.positions, plan.bound).axes) == 1
