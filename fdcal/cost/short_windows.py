@@ -128,23 +128,27 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
     )
 
 
-def upright(field: ShortField, axes: Integers) -> tuple[ShortField, np.ndarray]:
-    """Return the field turned so that z is the axis from which least sound comes, and its new free coordinates.
+def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndarray]]:
+    """Return the field turned so that z may be the vertical, and the free coordinates (D,) of its array, for each case.
 
-    By the spectrum of degree 2. An array in a plane turns within it, or comes to lie in the plane y = 0.
+    The vertical is the axis from which least sound comes, by the spectrum of degree 2. An array in the plane of x and y
+    either lies, and z is its normal, or stands, and z is an axis in its plane; it is then in the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
     turn = np.linalg.eigh(tensor)[1]  # of the greatest value last
-    if len(axes) == 2:  # the normal of the plane is one of the axes
-        normal = int(np.argmax(np.abs(turn[2])))
-        if normal < 2:
-            turn[:, :2] = turn[:, [1 - normal, normal]]
-            axes = np.array([0, 2])
-    turn[:, 0] *= np.sign(np.linalg.det(turn))
-    turned = turn.T @ tensor @ turn
-    spectrum = [(turned[0, 0] - turned[1, 1]) / 2, turned[0, 1], turned[0, 2], turned[1, 2], turned[2, 2]]
-    x, v = field.positions @ turn, field.directions @ turn
-    return replace(field, positions=x, directions=v, spectrum=np.array([*spectrum, *SPECTRUM_MEAN[5:]])), axes
+    cases = [(turn, axes)]
+    if len(axes) == 2:
+        standing = np.eye(3)[:, [0, 2, 1]]
+        standing[:2, [0, 2]] = np.linalg.eigh(tensor[:2, :2])[1]
+        cases = [(np.eye(3), axes), (standing, np.array([0, 2]))]
+    turned = list[tuple[ShortField, np.ndarray]]()
+    for turn, free in cases:
+        turn[:, 0] *= np.sign(np.linalg.det(turn))
+        t = turn.T @ tensor @ turn
+        spectrum = np.array([(t[0, 0] - t[1, 1]) / 2, t[0, 1], t[0, 2], t[1, 2], t[2, 2], *SPECTRUM_MEAN[5:]])
+        x, v = field.positions @ turn, field.directions @ turn
+        turned.append((replace(field, positions=x, directions=v, spectrum=spectrum), free))
+    return turned
 
 
 def _tangents(directions: Reals) -> np.ndarray:

@@ -39,6 +39,7 @@ MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengt
 STEPS, LAST_STEPS = 25, 40  # number of steps of a stage at most
 DECREASE, LAST_DECREASE = 1.0, 0.02  # nats; a stage ends when the cost falls by less
 ROUNDS = 3  # iterations of the dispersion lambda
+STANDING_NATS = 3.0  # evidence above which an array in a plane is taken to be upright, and not level
 ZERO = 1e-6  # relative eigenvalue of the information below which only the priors determine a direction
 
 
@@ -174,13 +175,19 @@ def fitted(
         ended.append((field, cost))
     field, _ = _minimised(likelihood, min(ended, key=lambda one: one[1])[0], direct)
     field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, spectrum=5, direct=True), LAST_STEPS)
-    field, axes = upright(field, axes)
-    field, _ = _minimised(likelihood, field, free_parameters(N, T, axes, spectrum=7, direct=True), LAST_STEPS)
-    free = free_parameters(N, T, axes, spectrum=7, direct=True, channels=True)
+    (start, axes), *standing = upright(field, axes)
+    moves = free_parameters(N, T, axes, spectrum=7, direct=True)
+    field, cost = _minimised(likelihood, start, moves, LAST_STEPS)
+    for start, other in standing:
+        moves_of_other = free_parameters(N, T, other, spectrum=7, direct=True)
+        found, lower = _minimised(likelihood, start, moves_of_other, LAST_STEPS)
+        if cost - lower > STANDING_NATS * _dispersion(likelihood, field, moves):
+            field, axes = found, other
+    moves = free_parameters(N, T, axes, spectrum=7, direct=True, channels=True)
     for _ in range(ROUNDS):
-        likelihood = replace(likelihood, dispersion=_dispersion(likelihood, field, free))
-        field, _ = _minimised(likelihood, field, free, LAST_STEPS, LAST_DECREASE)
-    index = np.flatnonzero(free)
+        likelihood = replace(likelihood, dispersion=_dispersion(likelihood, field, moves))
+        field, _ = _minimised(likelihood, field, moves, LAST_STEPS, LAST_DECREASE)
+    index = np.flatnonzero(moves)
     at = np.searchsorted(index, (5 * np.arange(N)[:, None] + axes).ravel())
     inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
     motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
