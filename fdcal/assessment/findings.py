@@ -1,17 +1,16 @@
 """The findings of an assessment: two ordered tables, FINDINGS and ROOM_FINDINGS. The first that applies is the verdict.
 
-good                no check contradicts it
-odd_channel         a microphone whose pressures no position in the known room explains
-too_noisy           hardly anything but noise
-undersampled        frequencies in use that the array cannot interpolate (Eq. 9)
+good                no check contradicts the result
+odd_channel         no position in the known room explains the pressures of a microphone
+too_noisy           most of the signal is noise
+undersampled        the array cannot interpolate the frequencies in use (Eq. 9)
 not_converged       the solver stopped while microphones still moved
 known_position      a given position contradicts the recordings, or its channel is swapped
-sound_speed         given positions agree with the pressures at another sound speed, or a given length at one that air
-                    hardly has
-room_size           the pressures are those of a room of another size (or of another sound speed)
-model_mismatch      the pressures are not those of a sound field without sources at these microphones
+sound_speed         the given positions or the given distance imply a sound speed that is hardly possible
+room_size           the pressures belong to a room of another size (or to another sound speed)
+model_mismatch      no sound field without sources explains the pressures at these microphones
 ambiguous           another array fits the pressures nearly as well, or the positions are hardly determined
-scale_undetermined  the shape is right, its size hardly determined
+scale_undetermined  the shape is right, but the size is hardly determined
 
 A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputError`.
 """
@@ -34,14 +33,14 @@ from .channels import MAX_NOISE, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text
 
-Seen = TypeVar("Seen")  # what a verdict rests on
+Seen = TypeVar("Seen")  # evidence for a verdict
 CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
     " faulty channels, or positions not found yet"
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
-MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or leaves it out
-MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
+MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
+MODES_MARGIN = 0.9  # fraction of f_max up to which a remedy suggests modes
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -51,12 +50,12 @@ AnswerState = Literal["fine", "differs", "fault", "unknown"]
 class Answer:
     """The answer to one question about a recording or a data set, as `fdcal.session.doctor` gives it."""
 
-    question: str  # of those in the head of `fdcal.session.doctor`
+    question: str  # one of those in the docstring of `fdcal.session.doctor`
     state: AnswerState
     text: str
     value: float | None = None
     unit: str = ""
-    # what differs or is at fault: kind, a key of `FAULTS`, and microphone, "" where it is none of one
+    # the faults and differences: kind, a key of `FAULTS`, and name of the microphone, or "" for the whole recording
     found: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -70,59 +69,58 @@ class Finding(Generic[Seen]):
     """One row of a table."""
 
     code: str  # of the verdict
-    applies: Callable[[Seen, float], bool]  # of what was seen and the limit
-    words: Callable[[Seen], str]  # of what was seen: what it means
-    remedy: str = ""  # what to do; "" where the words say so
+    applies: Callable[[Seen, float], bool]  # maps evidence and limit to whether the finding applies
+    words: Callable[[Seen], str]  # maps the evidence to a text that says what was found
+    remedy: str = ""  # what the user can do; "" where the words say so
     limit: float = 0.0  # the threshold
-    reason: str = ""  # what the limit is, and why it is there
+    reason: str = ""  # meaning of the limit, and why it has this value
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What the verdict on an array rests on."""
+    """The evidence for the verdict on an array."""
 
     estimate: Estimate
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
-    # probability of a disagreement of given positions and pressures as large by chance; 1 where nothing can be checked
+    # probability that given positions and pressures disagree as much by chance; 1 where it cannot be computed
     agreement: float
-    # metres, one sigma of the given microphone that the others and the pressures place least certainly; 0 without any,
-    # infinite where those that are right are too few to place the array
+    # metres, largest sigma of a known microphone without its own given position; 0 if none is known, infinite if too
+    # few given positions are right to place the array
     loosest: float
     search: np.ndarray  # (N,) float64, metres, spread of the search
     scale_sigma: float  # one sigma of the least certain stretching of the array, relative
-    scale: float | None  # sound speed that follows from a given distance over that of the problem; None without one
-    single_wave: bool  # whether there are hardly any reflections, so that nothing is known of single channels
+    scale: float | None  # sound speed from a given distance, over that of the problem; None without a distance
+    single_wave: bool  # whether the field has hardly any reflections, so that channels cannot be checked
 
     @property
     def healthy(self) -> np.ndarray:
-        """Which channels are not at fault : (N,) bool."""
+        """Which channels have no fault : (N,) bool."""
         return healthy_channels(len(self.covariance), self.faulty)
 
     @property
     def by_rows(self) -> bool:
-        """Whether the positions rest on the pressures of the modes alone, which must then be explained."""
+        """Whether only the pressures of the modes determine the positions, not short windows."""
         return not self.estimate.window_ratio
 
     @property
     def unexplained(self) -> list[ChannelFault]:
-        """Faulty channels and given positions that the field does not explain.
+        """Faulty channels and wrong given positions that the model does not explain.
 
-        Gain, polarity, delay and high-pass that a solver has found are part of the model, which leaves no more of such
-        a channel than of another.
+        Gain, polarity, delay and high-pass are parameters of the model, so that such a channel has a normal residual.
         """
         kinds, noise = ("dead", "noisy", "misplaced", "exchanged"), self.estimate.channels.noise
         return [one for n, one in self.faulty.items() if one.kind in kinds or noise[n] > MAX_NOISE]
 
     @property
     def sigma(self) -> float:
-        """One sigma of the healthy microphones, root mean square, metres."""
+        """Root mean square of one sigma over the healthy microphones, metres."""
         return root_mean_square(one_sigma(self.covariance)[self.healthy])
 
     @property
     def uncertain(self) -> float:
-        """The same with the spread of the search, metres."""
+        """The same, with the spread of the search added, metres."""
         return float(np.hypot(self.sigma, root_mean_square(self.search[self.healthy])))
 
     @property
@@ -143,15 +141,15 @@ class Judged:
 
     @property
     def given_noise(self) -> float | None:
-        """Median noise given of the modes in use, as a fraction of the power; None without any."""
+        """Median of the given noise of the modes in use, as a fraction of the power; None if no noise is given."""
         noise = self.estimate.problem.noise_power
         return None if noise is None else float(np.median(noise[self.estimate.modes]))
 
     @property
     def step_left(self) -> float:
-        """Newton step left over one sigma of its coordinate, the largest of healthy channels."""
+        """Largest Newton step left of a healthy microphone, in sigmas of the coordinate."""
         spread, healthy = self.estimate.spread, self.healthy
-        sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither
+        sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither step nor sigma
         return float(np.max(np.abs(spread.step[healthy]) / sigma[healthy], initial=0.0))
 
     @property
@@ -159,17 +157,17 @@ class Judged:
         """Reduced chi-square of the pressures of the healthy channels."""
         field, channels, healthy = self.estimate.field, self.estimate.channels, self.healthy
         v = field.noise[:, None] * channels.noise
-        parameters = self.estimate.problem.array_dimension + 2  # of a channel, real ones
+        parameters = self.estimate.problem.array_dimension + 2  # real parameters of a channel
         freedom = np.sum((v * field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
         return float(np.sum((v * np.abs(field.terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
 
     @property
     def uneven(self) -> np.ndarray:
-        """Which of the channels that are healthy, or merely noisy, have far more residual than the median one : bool.
+        """Which of the healthy or noisy channels have far more residual than the median one : bool.
 
-        Noise is alike in channels of one kind, before or behind their gains; what a sound field without sources cannot
-        explain is not. A recording leaves as much as UNEVEN_FRACTION of the power by leakage. A channel is no less
-        uneven where so much is left that it is called noisy; noisy channels alone are single faults.
+        Channels of one kind have the same noise, before or behind their gains, but a source inside the array leaves
+        unequal residuals. Up to UNEVEN_FRACTION of the power may be leakage of the spectrum. Noisy channels count,
+        because a source can make them so; but if only noisy channels are uneven, these are single faults.
         """
         channels, counted = self.estimate.channels, self.healthy
         noisy = [n for n, one in self.faulty.items() if one.kind == "noisy"]
@@ -182,25 +180,25 @@ class Judged:
 
     @property
     def noisiest(self) -> int | None:
-        """The microphone that is sought, of a healthy channel, that leaves most of its pressures unexplained."""
+        """The unknown microphone with the largest noise among the healthy channels."""
         sought = np.setdiff1d(np.flatnonzero(self.healthy), self.estimate.problem.known)
         return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else None
 
     @property
     def wrong_given(self) -> list[ChannelFault]:
-        """The given positions that the pressures contradict, one by one."""
+        """The given positions that the pressures contradict."""
         known = self.estimate.problem.known
         return [one for n, one in self.faulty.items() if n in known and one.kind in OF_LIST]
 
     @property
     def speed(self) -> tuple[float, float]:
-        """Sound speed that given lengths imply over that of the measurement, and one sigma of it."""
+        """Sound speed that follows from given lengths, over that of the measurement, and one sigma of the ratio."""
         if self.scale is None:
             return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
         return self.scale, self.scale_sigma
 
     def _apart(self) -> list[tuple[float, TriedOptimum]]:
-        """How far, root mean square in metres, each optimum but the likeliest is from it, if that counts as far."""
+        """RMS distance of each other optimum from the likeliest one, metres, or 0 where both count as the same."""
         tried, same, healthy, far = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy, []
         for one in tried[1:]:
             apart = align(one.positions, tried[0].positions, healthy) - tried[0].positions
@@ -209,27 +207,27 @@ class Judged:
         return far
 
     def rival(self) -> float:
-        """Return how far away another optimum is that is as likely, metres; 0 without one."""
+        """Return the distance of another optimum that is as likely, metres; 0 if there is none."""
         limit = self.estimate.tried[0].score + RIVAL_COST if self.estimate.tried else 0.0
         return next((away for away, one in self._apart() if away and one.score < limit), 0.0)
 
     def starts_disagree(self) -> int:
-        """Return how many starts of the search ended each at another array; 0 if two agree or they are few."""
+        """Return the number of starts if each of them ended at a different array; 0 if two agree or they are few."""
         starts = len(self.estimate.tried)
         return starts if starts > 2 and all(away for away, _ in self._apart()) else 0
 
 
-# Noise of a healthy channel over that of the median channel. In living rooms one or two of 16 or 32 have more, with a
-# source inside the array a tenth of all or more.
+# Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
+# uneven; with a source inside the array a tenth or more of all.
 UNEVEN = 3.0
-UNEVEN_FRACTION = 1e-4  # of the power
-# Of the power: what is left beside the noise where nothing is wrong. At the true positions of measured arrays the
-# microphones predict each other to -27 to -32 dB. Simulated living rooms leave 1e-5 to 1e-3.
+UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the power
+# Fraction of the power that a healthy measurement may leave unexplained beside its noise. In measured arrays the
+# microphones predict each other to -27 to -32 dB at the true positions; simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
-UNEXPLAINED = 1e-4  # of the power of a measurement without noise
-ROOM_FRACTION = 2e-4  # of the power: below, a healthy channel may leave several times what the others leave
-RIVAL_DISTANCE = 1e-3  # metres within which two optima are one, or three sigmas where these are more
-RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats
+UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
+ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
+RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
+RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an error of a few nats
 
 
 def rms_radius(positions: np.ndarray) -> float:
@@ -238,9 +236,9 @@ def rms_radius(positions: np.ndarray) -> float:
 
 
 def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
-    """Return the number of modes below f_max (Eq. 9) of an array found at `positions` (N, D), metres.
+    """Return the number of modes well below f_max (Eq. 9) of an array found at `positions` (N, D), metres.
 
-    The array is another with other modes: MODES_MARGIN below the limit ends the search in one step.
+    With fewer modes another array is found, which has another limit; therefore the margin MODES_MARGIN.
     """
     limit = array_f_max(positions, problem.sound_speed, problem.dimension)
     return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
@@ -257,14 +255,14 @@ def _undersampled(seen: Judged) -> str:
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
-    """Whether wrong given positions are too many, or leave too few, to hold the array; one may always be misplaced."""
+    """Whether too many given positions are wrong, or too few are right to fix the frame; one may be misplaced."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
     misplaced = sum(one.kind == "misplaced" for one in wrong)
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
     return few or misplaced > max(1, limit * len(problem.known))
 
 
-IN_AIR = 0.06  # relative error of a sound speed: 6 % are 36 K. More is a wave in a plate, or about an obstacle
+IN_AIR = 0.06  # relative error of the sound speed in air, which is 36 K; more means waves in a plate or an obstacle
 
 
 def _impossible_speed(seen: Judged) -> str:
@@ -277,11 +275,11 @@ def _impossible_speed(seen: Judged) -> str:
 
 
 def _good(seen: Judged) -> str:
-    """The message of an array that no check contradicts, and what is wrong with its faulty channels."""
+    """Return the message for an array that no check contradicts, with the faults of its channels."""
     given, known = seen.given_noise, seen.estimate.problem.known
     sought = seen.healthy & ~np.isin(np.arange(len(seen.covariance)), known)
     sigma = one_sigma(seen.covariance)[sought if np.any(sought) else seen.healthy]
-    used = float(np.median(seen.estimate.field.noise))  # not the noise given where the pressures contradict it
+    used = float(np.median(seen.estimate.field.noise))  # may differ from the given noise
     words = precision(sigma, seen.residual_to_noise * used / given if given else None)
     given_estimate = seen.estimate.given
     if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
@@ -295,12 +293,12 @@ def _good(seen: Judged) -> str:
     return f"nothing speaks against the positions of the other microphones; {words}; faulty: {faults}"
 
 
-INACCURATE = 2.0  # sigma of the given positions found over the expected one
-CONTRADICTION = 4.0  # mean square of the difference of two estimates over its covariance
+INACCURATE = 2.0  # sigma of the given positions over the expected one above which the message mentions it
+CONTRADICTION = 4.0  # reduced chi-square of the difference of two estimates above which the message mentions it
 
 
 def precision(sigma: np.ndarray, residual: float | None) -> str:
-    """Return one sigma (N,), metres, in words, and the residual over the given noise (reduced chi-square) if any."""
+    """Return one sigma (N,), metres, in words, with the residual over the given noise if noise is given."""
     text = f"one sigma {length_text(root_mean_square(sigma), 2)}"
     return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
 
@@ -312,10 +310,10 @@ def _named(faults: Sequence[ChannelFault]) -> str:
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
-    """Whether a microphone leaves more than its share of a noise that hides what rooms leave: it may stand elsewhere.
+    """Whether one microphone has a larger residual than rooms explain, so that it may stand elsewhere.
 
-    In living rooms and halls such a microphone is usually right. Of M frequencies the noise of a channel is known to
-    about one over the root of M.
+    In living rooms and halls its position is usually right all the same. From M frequencies the noise of a channel is
+    known with a relative error of about 1 / sqrt(M).
     """
     if seen.noisiest is None or not seen.by_rows:
         return False
@@ -379,12 +377,12 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
             "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
-    Finding("sound_speed",  # an error of 15 % is no uncertainty of sigma
+    Finding("sound_speed",  # whatever the sigma, a difference of 15 % is an error
             lambda seen, limit: (seen.scale is not None or seen.estimate.log_speed != 0)
             and abs(seen.speed[0] - 1) > min(limit + 4 * seen.speed[1], 0.15),
             _impossible_speed,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
-    Finding("scale_undetermined",  # that of a plane array in space always is
+    Finding("scale_undetermined",  # the scale of a plane array in space is never determined
             lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
@@ -417,7 +415,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
 
 @dataclass(frozen=True)
 class JudgedRoom:
-    """What the verdict on an array in a known room rests on: the estimate and the names of the microphones."""
+    """The evidence for the verdict on an array in a known room."""
 
     estimate: RoomEstimate
     names: Sequence[str]
@@ -429,7 +427,7 @@ class JudgedRoom:
 
     @property
     def displaced(self) -> list[tuple[str, float]]:
-        """Known microphones that are far from their given position, and how far, metres."""
+        """Known microphones that are far from their given position, and the distances, metres."""
         known, problem = self.estimate.problem.known, self.estimate.problem
         away = np.linalg.norm(self.estimate.positions[known] - problem.known_positions, axis=1)
         far = away > np.maximum(MIN_DISPLACED, 5 * self.sigma[known])
@@ -467,8 +465,8 @@ def _good_in_room(seen: JudgedRoom) -> str:
     return f"nothing speaks against these positions up to the room's {count} symmetries; {precision(seen.sigma, given)}"
 
 
-LARGE_RESIDUAL = 2.0  # reduced chi-square beyond which the given noise does not explain the residual
-MIN_DISPLACED = 0.01  # metres, and five sigmas, of a known microphone from its given position
+LARGE_RESIDUAL = 2.0  # reduced chi-square above which the given noise does not explain the residual
+MIN_DISPLACED = 0.01  # metres; a known microphone farther than this and five sigmas from its position is displaced
 
 # fmt: off
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
@@ -503,7 +501,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
 
 
 def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estimate | RoomEstimate) -> tuple[str, str]:
-    """Return code and message, words and remedy in one line, of the first finding that applies."""
+    """Return the code and the message (words and remedy in one line) of the first finding that applies."""
     found = next(one for one in findings if one.applies(seen, one.limit))
     words, measured = found.words(seen), estimate.problem.frequencies
     used = len(measured[estimate.modes])

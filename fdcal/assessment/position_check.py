@@ -1,12 +1,10 @@
-"""Positions found compared with a list of them: swapped channels, another order or size, another array.
+"""Comparison of estimated positions with a list: swapped channels, another order or size, another array.
 
-The two sets of points are matched by their shape, in whatever place and order, in the first part.
-
-A base of D points far apart is laid onto every group of D points of the other set that has the same distances. Each
-such group gives a rigid motion, and a mirror image of it. The motions under which most points lie close to one of the
-other set are refined in turns: the best assignment for the motion, then the best motion for the assignment, which is
-iterative closest point with the Hungarian method. Several disjoint bases are tried, so that a few wrong points do no
-harm.
+The first part matches two sets of points by their shape, whatever their position and order. A base of D points far
+apart is aligned with every group of D points of the other set that has the same distances. Each group gives a rigid
+motion and its mirror image. The motions that bring most points close to points of the other set are refined by the
+iterative closest point method: the best assignment for the motion, then the best motion for the assignment, in turns.
+Several disjoint bases are tried, so that a few wrong points do no harm.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,11 +22,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """One way to lay points onto others."""
+    """One alignment of points with others."""
 
-    placed: np.ndarray  # (N, D) float64, the points, moved as a whole, metres
-    order: np.ndarray  # (N,) int64, number of the other point at which each lies
-    cost: float  # mean square of the distances, each cut off at the tolerance, metres^2
+    placed: np.ndarray  # (N, D) float64, metres, the points after the rigid motion
+    order: np.ndarray  # (N,) int64, index of the other point that is assigned to each
+    cost: float  # metres^2, mean square of the distances, where each counts up to the tolerance
 
 
 def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -41,11 +39,11 @@ def nearest_neighbours(points: np.ndarray) -> np.ndarray:
     return (distances(points, points) + np.diag(np.full(len(points), np.inf))).min(axis=1)
 
 
-TOLERANCE = 0.5  # of the median distance between nearest neighbours, dimensionless
+TOLERANCE = 0.5  # distance within which two points count as the same, in median distances of nearest neighbours
 
 
 def tolerance_of(points: np.ndarray) -> float:
-    """Return how far from one of `points` (N, D) another one counts as the same."""
+    """Return the distance from one of `points` (N, D), metres, within which another point counts as the same."""
     return TOLERANCE * float(np.median(nearest_neighbours(points)))
 
 
@@ -55,7 +53,7 @@ ENOUGH = 0.9  # fraction of the points that must lie close to another for no fur
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
-    """Return the ways in which `points` (N, D) lie closest to `others`, each with another order, the closest first."""
+    """Return the best alignments of `points` (N, D) with `others`, each with another order, the closest first."""
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
@@ -84,11 +82,11 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
 
 
 def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return at which of `others` each of `placed` lies, each at one : (N,) int64."""
+    """Return the one-to-one assignment of `placed` to `others`, as indices of the latter : (N,) int64."""
     from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
 
     distance = distances(placed, others)
-    beyond = np.maximum(distance - tolerance, 0.0)  # beyond the tolerance nearer is better still, but counts little
+    beyond = np.maximum(distance - tolerance, 0.0)  # has a small weight
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 
@@ -146,7 +144,7 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
     return groups[apart]
 
 
-TRUSTED = "good"  # the verdict with which finding no swap means that there is none
+TRUSTED = "good"  # the verdict of a result that can be trusted
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,22 +154,23 @@ class PositionCheck:
     Attributes
     ----------
     errors : (N,) float64
-        Metres, distance from the position in the list, of its size, after the best rigid motion.
+        Metres, distance of each microphone from its position in the list, after the best rigid motion.
     order : (N,) int64
-        Row of the list at whose position each microphone stands; its own unless it is in a cycle.
+        Row of the list at whose position each microphone stands; its own row unless channels are exchanged.
     distances : (N,) float64
-        Metres, distance from that position.
+        Metres, distance of each microphone from the position of that row.
     fits : bool
-        Whether the list fits the array found, in this order. Without, nothing is said about swaps: it is the list of
-        another array, or the positions, of the list or found, are far off.
+        Whether the list fits the array found in this order. If not, swaps cannot be detected: the list is of another
+        array, or the positions of either are far off.
     spacing : (N,) float64
-        Metres, distance of each position of the list, of the size of the array, from the nearest other one.
+        Metres, distance of each position of the list from the nearest other one.
     scale : float
-        Size of the list over that of the array found; 1 unless they differ by more than a tenth, as in other units.
+        Size of the list over that of the array found; 1 unless they differ by more than a tenth, as with other units.
+        Lengths above are those of the list after division by this scale.
     symmetric : bool
-        Whether the list fits as well turned or mirrored, so that such an exchange of most channels cannot be seen.
+        Whether the list also fits rotated or mirrored, so that such an exchange of most channels cannot be detected.
     moved : bool
-        Whether the positions were moved as a whole although microphones were known: the list has other axes.
+        Whether the positions were moved as a whole although microphones were known, because the list has other axes.
     """
 
     errors: np.ndarray
@@ -199,7 +198,7 @@ class PositionCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether the list fits, in its order and its size."""
+        """Whether the list fits in its own order and size."""
         return self.fits and self.scale == 1 and np.array_equal(self.order, np.arange(len(self.order)))
 
     def table(self, names: Sequence[str]) -> dict:
@@ -231,17 +230,17 @@ class PositionCheck:
 def compare_positions(found, given, known=()) -> PositionCheck:
     """Compare estimated positions with those of a list.
 
-    The two are matched by their shape, in any order, place and size; the order of the list is kept where it fits as
-    well as any other. A swap is reported where the array as a whole fits better with it and each microphone concerned
-    by half at least, of more than three concerned most of them.
+    The two are matched by their shape, whatever their order, position and size; the order of the list is kept if it
+    fits as well as any other. A swap is reported if the array as a whole fits better with it, and the distances of the
+    exchanged microphones fall to less than half (of more than three microphones, those of three quarters).
 
     Parameters
     ----------
     found, given : (N, D) array_like
         Metres.
     known : sequence of int
-        Numbers of known microphones; without any, or where the list fits only then, the positions are first moved onto
-        each other as a whole.
+        Numbers of known microphones. The positions are first moved as a whole onto the list if there are none, or if
+        the list fits only after such a motion.
 
     Returns
     -------
@@ -276,26 +275,25 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     return replace(free, moved=True)
 
 
-# factor by which list and array may differ in size; below it the size is not mentioned if the list fits unscaled
-MAX_SCALE = 1.1
+MAX_SCALE = 1.1  # ratio of the sizes of list and array that is ignored if the list fits unscaled
 
 
 def size_ratio(found: np.ndarray, given: np.ndarray) -> float:
-    """Return the size of `given` over that of `found`: no exchange changes the median distance between microphones."""
+    """Return the ratio of the median distances between microphones, `given` over `found`, whatever their order."""
     apart = [distances(p, p)[np.triu_indices(len(p), 1)] for p in (found, given)]
     own, listed = map(float, np.median(apart, axis=1))
     return listed / own if min(own, listed) > 0 else 1.0
 
 
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
-    """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
+    """Return the comparison after the best rigid motion, with the list scaled to the size of the array if that fits."""
     scale = size_ratio(found, given)
     check = _best(found, given)
     if check.fits and 1 / MAX_SCALE < scale < MAX_SCALE:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
-        near = 1 / MAX_SCALE < scale < MAX_SCALE  # where nothing fits, nothing shows so small a factor
+        near = 1 / MAX_SCALE < scale < MAX_SCALE  # a ratio near 1 means nothing if the list does not fit
         return check if near else replace(check, scale=scale)
     close = scaled.distances <= 2 * np.median(scaled.distances)
     spreads = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
@@ -303,15 +301,14 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     return replace(_best(found, given / scale), scale=scale)
 
 
-# fraction of the microphones that must be at their own places for the order to count as that of the list
-KEPT = 0.5
-# other orders fit as well up to this factor of the mean square, and this fraction of the spacing
+KEPT = 0.5  # largest fraction of exchanged microphones with which the order still counts as that of the list
+# Another order fits as well if its mean square is below ALIKE times the best one plus (RESOLVED times the spacing)^2.
 ALIKE = 1.5
 RESOLVED = 0.03
 
 
 def _best(found: np.ndarray, given: np.ndarray) -> PositionCheck:
-    """Return the comparison in the order of the list if it fits as well as any other one, or in the best."""
+    """Return the comparison in the order of the list if that fits as well as any other, otherwise in the best order."""
     ways, spacing, own = matches(found, given), 2 * tolerance_of(given), np.arange(len(given))
     limit = ALIKE * ways[0].cost + (RESOLVED * spacing) ** 2
     alike = [match for match in ways if match.cost <= limit]
@@ -319,28 +316,30 @@ def _best(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     check = _aligned(match, given)
     if not check.fits:
         return _aligned(max(ways, key=lambda match: np.count_nonzero(match.order == own)), given)
-    # The orders of a turned array differ in most channels.
+    # The order of a rotated array differs in most channels.
     return replace(check, symmetric=any(np.mean(other.order != match.order) > KEPT for other in alike))
 
 
 def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
-    """Return the comparison of a match, moved by all its microphones where the list fits all of them."""
+    """Return the comparison of a match, aligned by all microphones if the list fits all of them."""
     order = _kept_order(match.placed, given)
     placed = align(match.placed, given[order])
     whole = np.linalg.norm(placed - given[order], axis=1).max() < tolerance_of(given)
     return _checked(placed if whole else match.placed, given, order)
 
 
-CLOSE = 0.5  # median distance of a list in its own order, of the spacing of the microphones, at most
-CLOSE_EXCHANGED = 0.25  # the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
-FREEDOM = 12  # number of microphones beyond D + 1 from which CLOSE_EXCHANGED holds; of fewer it is less in proportion
+# Largest median distance, in spacings of the microphones, of a list that fits in its own order, and of one in which
+# most rows are exchanged; unrelated arrays reach 0.28 with 16 microphones and 0.34 with 32.
+CLOSE = 0.5
+CLOSE_EXCHANGED = 0.25
+FREEDOM = 12  # microphones beyond D + 1 from which CLOSE_EXCHANGED applies; with fewer the limit is lower
 
 
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
-    """Return the comparison of positions already placed, in an order; in that of the list where it does not fit."""
+    """Return the comparison of aligned positions in `order`, or in the order of the list if that does not fit."""
     own, spacing = np.arange(len(order)), nearest_neighbours(given)
     errors, away = (np.linalg.norm(placed - given[rows], axis=1) for rows in (own, order))
-    # The more is exchanged, the more easily a list fits, and the closer it must be.
+    # The more rows are exchanged, the more easily a list fits by chance, and the lower the limit must be.
     many = min(1.0, max(0.0, (len(order) - given.shape[1] - 1) / FREEDOM))
     exchanged = min(1.0, float(np.mean(order != own)) / (1 - KEPT))
     limit = (1 - exchanged) * CLOSE + exchanged * CLOSE_EXCHANGED * many
@@ -348,12 +347,12 @@ def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> Positi
     return PositionCheck(errors, order if fits else own, away if fits else errors, fits, spacing)
 
 
-SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this fraction of what it was
-IMPROVED = 0.75  # fraction of the microphones of a cycle for which it must
+SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this fraction
+IMPROVED = 0.75  # least fraction of the microphones of a cycle whose distance is so reduced
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Return at whose position each microphone stands : (N,) int64, its own unless most of a cycle is far nearer."""
+    """Return at whose position each microphone stands : (N,) int64; exchanges count only if they improve the fit."""
     order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
     before = np.linalg.norm(placed - given, axis=1)
     nearer = np.linalg.norm(placed - given[order], axis=1) < SWAPPED * before
@@ -364,7 +363,7 @@ def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
 
 
 def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
-    """Return the cycles of a permutation that move something, each from its lowest number."""
+    """Return the cycles of a permutation with more than one element, each from its lowest number."""
     seen, cycles = set(), []
     for n in range(len(order)):
         cycle = []
@@ -379,25 +378,25 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class ListRules:
-    """When a row of a list, or its size, is wrong.
+    """Limits beyond which a row of a list, or its size, counts as wrong.
 
-    Figures are of twelve lists with 2 mm of error in each coordinate (`python -m benchmarks doctor`).
+    Figures are from twelve right lists with 2 mm of error in each coordinate (`python -m benchmarks doctor`).
     """
 
-    # relative, and sigmas of it: a size that is off. Without a thermometer the sound speed is known to 2 %. Of 16 right
-    # lists of living and dead rooms, whose runs ended, the size seemed off by 3.0 % at most
+    # relative difference of the sizes, and the same in sigmas; both must be exceeded. Without a thermometer the sound
+    # speed is known to 2 %; right lists differ by 3.0 % at most
     scale: float = 0.033
     scale_sigmas: float = 2.5
-    # metres, sigmas and medians of the errors: a microphone beyond all of them is in another place than listed. They
-    # are at most 29 mm; 2.7 sigmas of errors above 5 mm, where smaller ones are up to 13; 3.7 medians
+    # error of a row in metres, in sigmas of the position found, and in medians over the rows; all must be exceeded.
+    # Rows of right lists reach 29 mm, 2.7 sigmas (for errors above 5 mm), and 3.7 medians
     misplaced: float = 0.015
     misplaced_sigmas: float = 5.0
     misplaced_medians: float = 4.0
-    # metres, and sigmas of the positions found: RMS error beyond which the list as a whole is wrong. It is at most 9.7
-    # mm, and 1.8 sigmas where it is above 5 mm; a tape that errs by 5 mm in each coordinate brings 8.7 mm
+    # RMS error of the list in metres, and in sigmas of the positions found; both must be exceeded. Right lists reach
+    # 9.7 mm, and 1.8 sigmas (for errors above 5 mm); a tape with 5 mm of error in each coordinate gives 8.7 mm
     rms: float = 0.015
     rms_sigmas: float = 2.5
-    repeated: float = 1e-6  # metres: two positions of a list that are closer are the same, and one of them is wrong
+    repeated: float = 1e-6  # metres; two positions of a list that are closer count as the same
 
 
 LIST_RULES = ListRules()
@@ -405,24 +404,24 @@ LIST_RULES = ListRules()
 
 @dataclass(frozen=True, eq=False)
 class ListFit:
-    """A list that fits, laid onto the array by its healthy rows, in the size of the array.
+    """A list that fits, scaled to the size of the array and aligned with it by the rows that are not outliers.
 
     Attributes
     ----------
     errors : (N,) float64
-        Metres, distance of each microphone from its place in the order that fits.
+        Metres, distance of each microphone from its position in the order that fits.
     kept : (N,) bool
-        Rows by which the list was laid onto the array.
+        Rows by which the list was aligned.
     scale : float
         Size of the list over that of the array.
     misplaced : tuple of int
-        Microphones that are in another place than listed.
+        Microphones that are not at their listed positions.
     sized : bool
-        Whether list and array differ in size by more than they are uncertain.
+        Whether the sizes of list and array differ significantly.
     poor : bool
-        Whether the rows that are kept are wrong by more than list and array may be.
+        Whether the errors of the kept rows are larger than expected.
     trusted : bool
-        Whether the array found is to be trusted; if not, it may be the cause where the fit is `poor`.
+        Whether the array found can be trusted; if not, a `poor` fit may be its fault.
     repeated : tuple of int
         Microphones that share their position in the list with another one.
     """
@@ -448,7 +447,7 @@ class ListFit:
 
 
 def fit_result(check: PositionCheck, result: "Calibration", given) -> ListFit:
-    """Return how a list fits the array of a calibration row by row, as `fit_list` does, its dead channels left out."""
+    """Return the result of `fit_list` for the array of a calibration, without its dead channels."""
     dead = {fault.name for fault in (result.channels.faults if result.channels else ()) if fault.kind == "dead"}
     numbers = [n for n, name in enumerate(result.names) if name in dead]
     return fit_list(check, result.positions, given, result.uncertainty, result.verdict, numbers)
@@ -457,17 +456,16 @@ def fit_result(check: PositionCheck, result: "Calibration", given) -> ListFit:
 def fit_list(
     check: PositionCheck, found, given, sigma=None, verdict: str = TRUSTED, dead: Sequence[int] = ()
 ) -> ListFit:
-    """Return how a list fits row by row, which `check` has found to fit as a whole.
+    """Return how each row of a list fits, after `check` has found that the list fits as a whole.
 
-    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `dead`: channels that
-    recorded nothing of the field, and so were found anywhere. Whatever the verdict, an array found and a list that
-    agree in most rows are both right there, because nothing else makes them agree; the rows that differ are then
-    wrong. Size and mean error are judged of a trusted array alone.
+    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `dead`: channels without
+    signal, whose positions mean nothing. Where array and list agree in most rows, both are right there whatever the
+    verdict, and the other rows are wrong. Size and mean error are only judged for a trusted array.
     """
     rules, own, placed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
     alive = ~np.isin(np.arange(len(own)), dead)
     errors, kept = np.zeros(len(own)), alive
-    for _ in range(3):  # without those that are misplaced
+    for _ in range(3):  # each time without the outliers found before
         errors = np.linalg.norm(align(own, placed, kept) - placed, axis=1)
         kept = alive & (errors <= max(3 * float(np.median(errors[alive])), 1e-3))
     spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
@@ -478,7 +476,7 @@ def fit_list(
     limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors[alive])))
     fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(alive & (errors > limit)).tolist()))
     own_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
-    # errors of the array found may all point outwards, those of a list are independent
+    # The errors of the array found may all point outwards; those of a list are independent.
     unsure = float(np.hypot(own_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (spread[1] / np.sqrt(np.sum(kept)))
     sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
     poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma), verdict == TRUSTED

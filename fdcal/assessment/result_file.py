@@ -1,7 +1,7 @@
-"""A calibration as text: the JSON of a result file, CSV of positions and of gains; and as a table of pandas.
+"""A calibration as text (JSON of a result file, CSV of positions and of gains), and as a table of pandas.
 
-`ResultTable` declares every key with its type and its shape; what a solver does not find has no key. Keys that are not
-declared are ignored. A file carries its version, and another one is refused.
+`ResultTable` declares every key with its type and its shape. A file has no key for a quantity that the solver does not
+find. Keys that are not declared are ignored, and files of another version are refused.
 """
 
 import csv
@@ -59,13 +59,13 @@ class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class CheckRow(msgspec.Struct):
-    """What is read of the comparison with a list: whether it fits, and at whose place each microphone stands."""
+    """The part of a comparison with a list that is read again: whether it fits, and the order of the rows."""
 
     fits: bool
     order: tuple[str, ...]
 
 
-# Keys of attributes of `Calibration`, `Evidence` and `Channels` that are called otherwise there.
+# Keys that differ from the names of the attributes of `Calibration`, `Evidence` and `Channels`.
 RENAMED = {
     "elapsed": "elapsed_s", "mean_error": "mean_error_m", "max_error": "max_error_m", "rms_error": "rms_error_m",
     "errors": "errors_m", "uncertainty": "uncertainty_m", "covariance": "covariance_m2",
@@ -273,7 +273,7 @@ def load_result(path: str | PathLike[str]) -> Calibration:
 
 
 def _checked(content: dict, where: str) -> ResultTable:
-    """Return the declared keys of a file after a check of their types, shapes and what they have to do with others."""
+    """Return the declared keys of a file after a check of their types, shapes and mutual consistency."""
 
     def require(right: bool, key: str, problem: str) -> None:
         if not right:
@@ -320,8 +320,9 @@ def _checked(content: dict, where: str) -> ResultTable:
 def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:
     """Return positions (N, D) as CSV; lengths in metres, unknown values empty.
 
-    Without any known microphone the error is that after the best rigid motion or mirror image of the whole array, which
-    the microphones `by` determine, in a column called error_once_aligned_m. Nominal positions have columns nominal_x_m.
+    Without known microphones the whole array is first moved by the best rigid motion or mirror image, which the
+    microphones `by` determine, and the column of the errors is called error_once_aligned_m. Nominal positions have
+    columns nominal_x_m and so on.
     """
     truth, errors, axes = measurement.positions, measurement.errors(positions, by), "xyz"[: measurement.array_dimension]
     unknown = np.full((measurement.count, len(axes) + 1), None)
@@ -337,8 +338,8 @@ def position_table(measurement: Measurement, positions, sigma=None, by: slice | 
 def channel_table(result: Calibration) -> str:
     """Return gain, phase and noise of every channel as CSV.
 
-    To correct a recording, divide the pressures of a channel by 10^(gain_db / 20) exp(j phase_deg pi / 180). The fault
-    is empty, or one of those of `fdcal.assessment.channels`.
+    To correct a recording, divide the pressures of a channel by 10^(gain_db / 20) exp(j phase_deg pi / 180). The column
+    "fault" is empty for healthy channels, otherwise it holds a fault of `fdcal.assessment.channels`.
     """
     if result.channels is None or not result.channels.gains_sought:
         problem = f"the result of solver {result.solver} holds no gains of the channels"

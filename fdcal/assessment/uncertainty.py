@@ -1,28 +1,27 @@
-"""The uncertainty of each position at the end of a run, and the bound of it before anything is measured.
+"""The uncertainty of each position after a run, and its lower bound before a measurement.
 
-At the end, from what a solver reports of its minimum (`PositionSpread`):
+After a run it follows from what the solver reports at its minimum (`PositionSpread`):
 
-    P   inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
-    Q   P H P, H the part of the data in that matrix: of P, what is the error of the data
-    r   dispersion, of the data over Q, which blocks of frequencies and takes show by their disagreement
+    P   inverse of the Gauss-Newton matrix of cost and priors: the covariance if the field is as assumed
+    Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
+    r   dispersion: covariance that the disagreement of blocks of frequencies and takes shows, over Q
     C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
-P supposes the noise found, the field's directions found, and the priors of gains, given positions and sound speed. Few
-waves make a room less random than that, and r measures it; it is known from about ten blocks alone, so that three
-quarters of the excess count, and no r narrows what the model claims. What the priors state is not widened. Nothing else
-is added, so that sigma depends on the end alone and falls with the noise that the data show.
+P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
+is less random than this, which r measures. Since r comes from about ten blocks only, three quarters of its excess are
+used, and r < 1 does not reduce the covariance. The part of P that is due to the priors is not enlarged.
 
-One sigma of a position is the root of the trace of C: the root mean square distance from its true place. That of a
-coordinate is the root of an element of its diagonal.
+One sigma of a position is the root of the trace of C, which is the RMS distance from the true position. One sigma of a
+coordinate is the root of an element of the diagonal of C.
 
-All of this belongs to the minimum. How far the optima of several restarts lie apart belongs to the search:
+C describes one minimum. The spread of the search describes the distances between the optima of several restarts:
 
     w_e = exp(-score_e) / sum_f exp(-score_f),   spread of microphone n = sqrt(sum_e w_e |d_en|^2)
 
 d_en is the distance of microphone n between optimum e and the likeliest one.
 
-Before, the Cramer-Rao bound, from the Fisher information of a diffuse field on positions, channel gains and the
-sound speed:
+Before a measurement the uncertainty has the Cramer-Rao bound, from the Fisher information of a diffuse field on
+positions, channel gains and the sound speed:
 
     C_m      = G [s_m kappa(k_m r_ij) + v_m I] G^H,   G = diag exp(a_n + j b_n)
     F_tu     = sum_m tr(C^-1 dC/dt C^-1 dC/du)         complex Gaussian pressures (Slepian 1954, Bangs 1971)
@@ -30,17 +29,17 @@ sound speed:
 
     positions   F_(n a)(p b) = 2 [C^-1_np (D_a C^-1 D_b^T)_np + (C^-1 D_b^T)_np (C^-1 D_a^T)_pn]
     gains       F_np = 2 [C_np C^-1_np + delta_np];   with positions 2 [(C^-1 o D_a)_np + delta_np sum_j C^-1_nj D_a,nj]
-    phases      independent of positions and gains in a diffuse field: they cost nothing
-    log c       K depends on k r alone, so dK / dlog c = -sum_ia x_ia dK/dx_ia
+    phases      omitted, because they are independent of positions and gains in a diffuse field
+    log c       K depends on k r only, so that dK / dlog c = -sum_ia x_ia dK/dx_ia
     power s_m   unknown in every mode; eliminated by its Schur complement
 
-Distances alone enter, so that the matrix has no information on rigid motions and mirror images.
+C depends on distances only, so that F holds no information on rigid motions and mirror images.
 
-    P = (B^T (F + prior) B)^-1      B the directions that anything determines
+    P = (B^T (F + prior) B)^-1      B a basis of the directions that information or prior determine
 
-The prior holds what is given beside the pressures: positions of some microphones with their uncertainty, the spread of
-the gains, the uncertainty of the sound speed. Without given positions the rigid motions are left out of B, and the
-bound is of the array after the best rigid alignment.
+The prior holds what is known beside the pressures: given positions and their uncertainty, the spread of the gains, and
+the uncertainty of the sound speed. Without given positions B excludes the rigid motions, and the bound is that of the
+array after the best rigid alignment.
 
 P. Stoica, R. Moses, "Spectral Analysis of Signals", 2005: the Slepian-Bangs formula.
 """
@@ -61,15 +60,15 @@ if TYPE_CHECKING:  # a plan needs no solver
     from ..solvers.interface import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
-MIN_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined
-BLOCK = 100_000  # numbers of the largest array of a block of modes
+MIN_EIGENVALUE = 1e-13  # least relative eigenvalue of the scaled information in its inverse
+BLOCK = 100_000  # numbers in the largest array of a block of modes
 
 
 @dataclass(frozen=True)
 class Information:
-    """Information of all modes on N microphones in D dimensions."""
+    """The Fisher information of all modes on N microphones in D dimensions."""
 
-    positions: np.ndarray  # (N, D) float64, metres, where it was computed
+    positions: np.ndarray  # (N, D) float64, metres, at which it was computed
     # (N D + N + 1, N D + N + 1) float64, on coordinates (1/m), log gains (1/neper) and the logarithm of the sound
     # speed, in this order
     matrix: np.ndarray
@@ -81,7 +80,7 @@ class Information:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beside the pressures."""
+    """What is known in addition to the pressures."""
 
     # (A,) int, microphones whose positions are given
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
@@ -98,9 +97,10 @@ class Bound:
     free: np.ndarray  # (N,) bool, microphones that are sought
     # (D (D + 1) / 2,) float64, one sigma of stretches and shears of the array as a whole, relative, ascending
     deformations: np.ndarray
-    shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps to which they belong, of unit norm
+    shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps of these deformations, of unit norm
     scale_sigma: float  # one sigma of the size of the array, relative
-    # degrees of freedom of the sum of the squared errors, as a chi-square (Satterthwaite); it scatters by sqrt(2 / it)
+    # degrees of freedom of a chi-square that approximates the sum of the squared errors (Satterthwaite), whose relative
+    # standard deviation is sqrt(2 / freedom)
     freedom: float
 
     @property
@@ -188,13 +188,13 @@ def position_bound(information: Information, prior: Prior) -> Bound:
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position (N, D, D), metres^2, with the step that is left."""
+    """Return the covariance C of each position (N, D, D), metres^2."""
     step = estimate.spread.step
     return _blocks(estimate, estimate.spread.covariance) + step[:, :, None] * step[:, None, :]
 
 
 def curvature_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position where the modes agree as the model says : (N, D, D) float64, metres^2."""
+    """Return the covariance of each position by the model alone, P : (N, D, D) float64, metres^2."""
     return _blocks(estimate, estimate.spread.newton)
 
 
@@ -204,16 +204,16 @@ def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     return np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
 
 
-# of an array along its shortest axis, relative to the longest, where short windows determine it: a flat one has no
-# height to stretch. By long rows alone 1 of 60 arrays would be good, a line in a plane, at 2.4 times its claim
+# Least extent along the shortest axis that is assumed, relative to the longest axis, if short windows determine the
+# array, since a flat array has no height to stretch. Without short windows this rule would give the verdict "good" to a
+# line in a plane whose error is 2.4 times the claimed sigma (1 of 60 arrays).
 LEAST_EXTENT = 0.5
 
 
 def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative.
 
-    Of the maps x -> x + B x, B symmetric, that fit a move of the `healthy` (N,) bool microphones best, since that of a
-    dead channel may stand anywhere.
+    These are maps x -> x + B x with symmetric B, fitted to moves of the `healthy` (N,) bool microphones.
     """
     positions, covariance = estimate.positions, estimate.spread.covariance
     D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
@@ -227,9 +227,9 @@ def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:
-    """Return how far the optima of the search lie apart, weighted by their likelihood : (N,) float64, metres.
+    """Return the spread of the search, as defined in this module : (N,) float64, metres.
 
-    `healthy` (N,) microphones determine the motion onto each other of arrays that nothing holds as a whole.
+    Arrays without a common frame are first aligned by their `healthy` (N,) microphones.
     """
     tried = estimate.tried
     if not tried:
@@ -243,7 +243,7 @@ def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:
 
 
 def root_mean_square(values: np.ndarray) -> float:
-    """Return the root mean square of some values; 0 of none."""
+    """Return the root mean square of some values; 0 if there are none."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
@@ -253,9 +253,9 @@ def one_sigma(blocks: np.ndarray) -> np.ndarray:
 
 
 def confidence_factor(probability: float, dimension: int) -> float:
-    """Return the half axes, in standard deviations, of the ellipse that holds a fraction of a D-dimensional Gaussian.
+    """Return the half axes, in standard deviations, of the ellipse that holds a given probability in D dimensions.
 
-    The square of the Mahalanobis distance is chi-square distributed with D degrees of freedom.
+    The squared Mahalanobis distance of a Gaussian has a chi-square distribution with D degrees of freedom.
     """
     return float(np.sqrt(chdtri(dimension, 1 - probability)))
 

@@ -1,7 +1,7 @@
-"""A result in words: the sentences that terminal, page, HTML and notebook lay out. All of them are plain text.
+"""A result in words: the sentences, in plain text, that terminal, page, HTML and notebook show.
 
-`result_sentences` says what a calibration found, `fault_words` what is wrong with a channel, `list_faults` and
-`comparison_sentences` how a list of positions differs from it.
+`result_sentences` describes a calibration, `fault_words` a fault of a channel, `list_faults` and
+`comparison_sentences` the comparison with a list of positions.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,18 +15,18 @@ from ..solvers.interface import RunState
 from .calibration import Calibration, ChannelFault
 from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
 
-MIN_MOVE = 1e-3  # metres, of a given position that is mentioned
+MIN_MOVE = 1e-3  # metres, least correction of a given position that is mentioned
 MAX_ROWS = 12  # of the table of given positions
-STEP_LEFT = "the step left is small beside one sigma"  # of a run that ended, and whose verdict is good
+STEP_LEFT = "the step left is small beside one sigma"  # why a run that did not converge can have the verdict "good"
 
 
 def end_word(converged: bool, trusted: bool) -> str:
-    """Return how a run ended, in the sense of the verdict on it: nothing is said against one that is trusted."""
+    """Return how a run ended; a run with a trusted result has "Ended" even if it did not converge."""
     return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
 
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
-    """Return what the solver is doing, or how it ended; until there is a `verdict`, nothing is said against the end."""
+    """Return what the solver is doing, or how it ended, as of `end_word`; without a `verdict` it counts as trusted."""
     if not error and not state.finished and state.best_positions is not state.positions:
         return f"{'Trying' if running else 'Paused at'} another start; the best so far is kept"
     if error or running:
@@ -37,7 +37,7 @@ def state_word(state: RunState, running: bool, error: str = "", verdict: str = T
 def modes_words(measurement: Measurement, first: int, last: int) -> str:
     """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz".
 
-    Of several takes it is longer, and is written so that it fits into one line of the status.
+    With several takes the text names rows and takes, and is shortened to fit into one line of the status.
     """
     f = measurement.frequencies
     if measurement.take_count > 1:
@@ -50,9 +50,9 @@ def modes_words(measurement: Measurement, first: int, last: int) -> str:
 
 
 def cost_words(cost: float, corrected: bool = False, row: str = "mode") -> str:
-    """Return a cost of `fdcal.cost.expansion`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+    """Return the reference cost, dB, and its meaning; "unknown" for NaN.
 
-    It is that of all modes, or of all rows of several takes, as `row` says.
+    corrected : whether the gains of the channels are corrected; row : "mode", or "row" if there are several takes
     """
     number = "unknown" if np.isnan(cost) else f"{cost:.1f} dB"
     return f"{number} ({'Eq. 7, gains corrected' if corrected else f'Eq. 7, all {row}s'})"
@@ -72,10 +72,10 @@ def counted(count: int, noun: str) -> str:
 def result_sentences(
     result: Calibration, measurement: Measurement, given: Sequence[int] = (), truth: str = ""
 ) -> dict[str, str]:
-    """Return what a calibration found, a sentence for each head, in their order.
+    """Return what a calibration found: sentences by heading, in the order of display.
 
-    `given`: numbers of the microphones whose positions the solver was given; `truth`: what the positions of the
-    measurement are called, the true or the nominal ones unless given.
+    given : numbers of the microphones whose positions the solver was given; truth : name of the measurement's
+    positions, by default "the truth" or "the nominal positions"
     """
     f, takes, nominal = result.frequencies, measurement.take_count, measurement.nominal
     end = end_word(result.converged, result.verdict == TRUSTED)
@@ -123,7 +123,7 @@ def result_sentences(
 
 
 def fault_words(fault: ChannelFault) -> str:
-    """Return what is wrong with a channel or a given position, without the name of the microphone.
+    """Return the fault of a channel or a given position in words, without the name of the microphone.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def fault_words(fault: ChannelFault) -> str:
 
 
 def clock_words(kind: str, value: float, since: float) -> str:
-    """Return what is wrong with the clock of a channel: a "drift" of `value` ppm, a "jump" of `value` s, "lost"."""
+    """Return the fault of a channel's clock in words: a "drift" of `value` ppm, a "jump" of `value` s, or "lost"."""
     if kind == "drift":
         return f"drifts by {value:+.3g} ppm"
     if kind == "jump":
@@ -159,7 +159,7 @@ def clock_words(kind: str, value: float, since: float) -> str:
 
 
 def faults_text(faults: Iterable[ChannelFault]) -> str:
-    """Return what is wrong with each microphone: "microphone 4: dead; microphone 17: inverted"."""
+    """Return the faults of several microphones, as in "microphone 4: dead; microphone 17: inverted"."""
     return "; ".join(f"microphone {fault.name}: {fault_words(fault)}" for fault in faults)
 
 
@@ -174,10 +174,10 @@ def _mean_and_largest(mean: float, largest: float) -> str:
 
 
 def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> tuple[str, str, str]:
-    """Return what some errors (K,), metres, are called, their figures, and what they are from or after.
+    """Return the name of errors (K,), metres, their figures, and remarks on the comparison.
 
-    `aligned`: whether the array was moved as a whole onto the positions that it is compared with; `nominal`: whether
-    these are nominal. None: the positions are not known.
+    errors : None if the true positions are unknown; aligned : whether the array was moved as a whole onto the positions
+    with which it is compared; nominal : whether these are nominal
     """
     if errors is None:
         return "error", "unknown (no true positions)", ""
@@ -195,9 +195,9 @@ def error_line(errors: np.ndarray | None, aligned: bool = False, nominal: bool =
 
 
 def state_error_words(measurement: Measurement, errors: np.ndarray | None, faulty: int = 0) -> str:
-    """Return in a few words how far a state is off : "0.3 mm off on average"; "" where that is unknown.
+    """Return the error of a state in a few words, as in "0.3 mm off on average"; "" if it is unknown.
 
-    `errors` (K,): of the microphones that count, metres; `faulty`: how many do not, for their channels are at fault.
+    errors : (K,), metres, of the healthy microphones; faulty : number of the others
     """
     if errors is None:
         return ""
@@ -207,12 +207,12 @@ def state_error_words(measurement: Measurement, errors: np.ndarray | None, fault
 
 
 def prediction_words(leave_one_out_db: float | None) -> str:
-    """Return how well the microphones are predicted from each other; "" where nothing is known."""
+    """Return the leave-one-out error in words; "" if it is unknown."""
     return "" if leave_one_out_db is None else f"leave-one-out error {leave_one_out_db:.1f} dB"
 
 
 def gain_words(result: Calibration) -> str:
-    """Return how far the gains of the healthy channels scatter; of a result that has channels."""
+    """Return the spread of the gains of the healthy channels in words, for a result with channels."""
     assert result.channels is not None
     each = (result.channels.gain_db, result.channels.phase_deg)
     gain, phase = (float(np.std(values[result.healthy])) for values in each)
@@ -220,9 +220,9 @@ def gain_words(result: Calibration) -> str:
 
 
 def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
-    """Return a sentence on the given positions that are corrected by more than MIN_MOVE, and their table, head first.
+    """Return a sentence on the given positions that were corrected by more than MIN_MOVE, and a table of them.
 
-    None where there are none.
+    The first row of the table holds the headings. The result is None if there are no such positions.
     """
     given = () if result.channels is None else result.channels.given
     rows = sorted((one for one in given if one.difference > MIN_MOVE), key=lambda one: -one.difference)
@@ -235,13 +235,13 @@ def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
         table.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
     more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
     head = f"{len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
-    if result.verdict == TRUSTED and not any(one.wrong for one in given):  # else nothing is known of them
+    if result.verdict == TRUSTED and not any(one.wrong for one in given):
         head += "; none of them contradicts the pressures"
     return head, table
 
 
 def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[object]) -> list[str]:
-    """Return what is wrong with a list that fits the array found, in words: exchanged channels, rows, its size."""
+    """Return the faults of a list that fits the array found, in words: exchanged channels, wrong rows, its size."""
     found = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:
         found.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
@@ -259,10 +259,10 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
 
 
 def _of_size(scale: float) -> str:
-    """What a list of another size means.
+    """Return the meaning of a list that is `scale` times as large as the array found, in words.
 
-    k r is what pressures show: in air whose sound speed is higher than assumed by a factor the array is found smaller
-    by that factor, and the list looks too large; the temperature goes with the square.
+    Pressures depend on k r only. If the sound speed is higher than assumed, the array is found too small by the same
+    factor, and the list seems too large. The absolute temperature is proportional to the square of the sound speed.
     """
     kelvin = 293.15 * (scale**2 - 1)
     air = f"{abs(kelvin):.0f} K {'warmer' if kelvin > 0 else 'colder'} than assumed"
@@ -270,7 +270,7 @@ def _of_size(scale: float) -> str:
     return f"the list is {size}, or the air is {air}"
 
 
-MAX_LISTED = 0.5  # fraction of the microphones in others' places beyond which only the rows say who stands where
+MAX_LISTED = 0.5  # fraction of exchanged microphones above which exchanges are not named one by one
 UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
 UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
@@ -283,16 +283,16 @@ def comparison_sentences(
     arguments: Mapping[str, str] | None = None,
     fit: ListFit | None = None,
 ) -> list[str]:
-    """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
+    """Return a comparison in words: the faults of the list, then the error of every microphone, the largest first.
 
-    Unless the `verdict` is "good", finding no swap means that there is none only where every microphone is near its
-    place. `known`: whether known microphones fixed the positions; `fit`: of the rows, where it is known.
+    verdict : of the calibration; unless it is "good", the absence of swaps is only stated if every microphone is near
+    its listed position; known : whether known microphones fixed the frame; fit : of the rows, if it was computed
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
     near = 1 / MAX_SCALE < check.scale < MAX_SCALE
     if check.fits:
-        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # a large factor: below
+        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # other sizes: see below
         moved = np.count_nonzero(check.order != np.arange(len(names)))
         lines = list_faults(check, rows, names)
         if moved > MAX_LISTED * len(names):
@@ -311,7 +311,7 @@ def comparison_sentences(
             "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
             " cannot be seen without known microphones"
         )
-    if check.fits and check.moved and check.scale == 1:  # another size moves the axes, too
+    if check.fits and check.moved and check.scale == 1:  # a list in other units always has other axes
         lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
     if check.scale != 1:
         units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
@@ -329,7 +329,7 @@ def comparison_sentences(
 
 
 def _pattern(order: np.ndarray) -> str:
-    """Return what kind of order this is, where it has a name."""
+    """Return a description of an order of the list that follows a rule; "" for any other order."""
     count, own, shift = len(order), np.arange(len(order)), int(order[0])
     if np.array_equal(order, own[::-1]):
         return ": the list is in reverse"

@@ -6,14 +6,13 @@ place where they touch. Passes are taken in ascending order: at each the two bas
 minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per
 cent of the points.
 
-The basins of attraction follow the gradient of the cost, interpolated between the places of the lattice, and stay
-inside the map. From place to neighbouring place alone descent would keep to eight directions, and the borders between
-basins would be straight lines. A minimum that is too shallow to count belongs to the one whose basin it joins in the
-watershed algorithm.
+The basins of attraction follow the gradient of the cost, interpolated between lattice points, and stay inside the map.
+Descent from point to neighbouring point would only use eight directions, and the borders between basins would be
+straight lines. A minimum that is too shallow to count belongs to the basin that it joins in the watershed algorithm.
 
-The path of a microphone follows the steepest descent, too, and stays in the basin where it begins, so that it ends at
-the minimum that the map marks there. At a minimum that is too shallow to count it goes on at the nearest point of the
-basin whose cost is lower.
+The path of a microphone also follows the steepest descent. It stays in the basin where it begins, so that it ends at
+the minimum that the map marks there. From a minimum that is too shallow to count it continues at the nearest point of
+the basin with a lower cost.
 """
 
 from dataclasses import dataclass
@@ -57,7 +56,7 @@ def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _inside(points: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (K, 2) or (K, 3) of those of flat indices (P,) that are not at the edge; which ones (P,)."""
+    """Return the indices (K, 2) or (K, 3) of flat indices (P,) that are not at the edge, and a mask of them (P,)."""
     indices = np.stack(np.unravel_index(points, shape), axis=1)
     inside = np.all((indices > 0) & (indices < np.array(shape) - 1), axis=1)
     return indices[inside], inside
@@ -92,7 +91,7 @@ def _basins(lowest: Integers):
 
 @compiled
 def _end(parents: Integers, point: int):
-    """Follow the parents of a point to one that is its own, and make that one the parent of all on the way."""
+    """Return the root of a point, which is its own parent, and make it the parent of all points on the way."""
     end = point
     while parents[end] != end:
         end = parents[end]
@@ -147,9 +146,9 @@ def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
 class Basins:
     """The basins of attraction of a map."""
 
-    # (ny, nx) int64, number of the minimum where descent from each place ends, or OUTSIDE; of a volume, (nz, ny, nx)
+    # (ny, nx), or (nz, ny, nx) for a volume, int64, minimum where descent from each point ends, or OUTSIDE
     labels: np.ndarray
-    minima: Integers  # (K, 2) int64, those of `local_minima`; of a volume (K, 3)
+    minima: Integers  # (K, 2), or (K, 3) for a volume, int64, result of `local_minima`
 
     @property
     def shares(self) -> np.ndarray:
@@ -157,7 +156,7 @@ class Basins:
         return np.bincount(self.labels[self.labels >= 0], minlength=len(self.minima)) / self.labels.size
 
     def at(self, search: Search, place: Reals) -> int:
-        """Return the number of the basin of a place (2,) or (3,), metres; OUTSIDE beyond the lattice `search`."""
+        """Return the number of the basin at a position (2,) or (3,), metres, or OUTSIDE beyond the lattice `search`."""
         dimension = self.labels.ndim
         index = np.rint((np.asarray(place, float)[:dimension] - search.origin[:dimension]) / search.step).astype(int)
         inside = np.all((index >= 0) & (index < self.labels.shape[::-1]))
@@ -186,7 +185,7 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
 def _descend(slopes: Reals, lowest: Integers, order: Integers, heirs: Integers):
     """Return where descent from each point ends : (P,) int64, flat indices of minima."""
     ends = np.full(len(order), -1, np.int64)
-    for here in order:  # ascending: of each lower neighbour the end is known
+    for here in order:  # ascending, so that the ends of all lower points are known
         if lowest[here] == here:  # a minimum
             end = here
             while heirs[end] != end:
@@ -200,7 +199,7 @@ def _descend(slopes: Reals, lowest: Integers, order: Integers, heirs: Integers):
 
 @compiled
 def _trace(slopes: Reals, ends: Integers, here: int):
-    """Where descent from a point ends: followed until the places around it agree; -1 where they never do."""
+    """Return where descent from a point ends: where all corners of a cell on its path end; -1 if they never agree."""
     shape = slopes.shape[1:]
     place, slope = np.zeros(3), np.zeros(3)
     place[0], place[1], place[2] = here // (shape[1] * shape[2]), here // shape[2] % shape[1], here % shape[2]
@@ -228,7 +227,7 @@ def _trace(slopes: Reals, ends: Integers, here: int):
 
 @compiled
 def _cell(place: Reals, shape: tuple[int, ...]):
-    """The lowest corner of the cell that holds a place (3,), and how far the place is into the cell, 0 to 1."""
+    """Return the lowest corner of the cell that holds a point (3,), and the offset of the point in the cell, 0 to 1."""
     low = np.zeros(3, np.int64)
     for axis in range(3):
         low[axis] = max(min(int(place[axis]), shape[axis] - 2), 0)
@@ -237,7 +236,7 @@ def _cell(place: Reals, shape: tuple[int, ...]):
 
 @compiled
 def _corner(low: Integers, share: Reals, number: int):
-    """Weight and indices of one of the eight corners of a cell."""
+    """Return weight and indices of one of the eight corners of a cell."""
     k, m, n = number // 4, number // 2 % 2, number % 2
     weight = (share[0] if k else 1 - share[0]) * (share[1] if m else 1 - share[1]) * (share[2] if n else 1 - share[2])
     return weight, low[0] + k, low[1] + m, low[2] + n
@@ -245,7 +244,7 @@ def _corner(low: Integers, share: Reals, number: int):
 
 @compiled
 def _common_end(ends: Integers, place: Reals, shape: tuple[int, ...]):
-    """The end of the corners of a cell whose ends are known, where it is the same; -1 where it is not."""
+    """Return the common end of all corners of a cell whose ends are known, or -1 if these differ."""
     low, share = _cell(place, shape)
     common = -1
     for corner in range(8):
@@ -257,9 +256,9 @@ def _common_end(ends: Integers, place: Reals, shape: tuple[int, ...]):
     return common
 
 
-SHORTEST = 0.05  # of a step of the path, in steps of the lattice: the last one tried
+SHORTEST = 0.05  # shortest step of a path that is tried, in lattice steps
 MAX_STEPS = 2000
-REACH = 4.0  # steps of the lattice over which a path to the edge of the map goes on from a shallow minimum
+REACH = 4.0  # lattice steps that a path towards the edge of the map may jump out of a shallow minimum
 
 
 @dataclass(frozen=True)
@@ -286,9 +285,9 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
         return float(map_coordinates(cost, at[:, None], order=1)[0])
 
     def step_from(at: Reals, level: float) -> tuple[Reals, float] | None:
-        """The next place downhill in the basin and its cost, or None."""
+        """Return the next point downhill in the basin and its cost, or None."""
         slope = np.array([map_coordinates(one, at[:, None], order=1)[0] for one in slopes])
-        slope[((at <= 0) & (slope > 0)) | ((at >= last) & (slope < 0))] = 0.0  # not out of the map
+        slope[((at <= 0) & (slope > 0)) | ((at >= last) & (slope < 0))] = 0.0  # the path stays inside the map
         length, stride = float(np.linalg.norm(slope)), STRIDE
         while length > 0 and stride > SHORTEST:
             there = np.clip(at - stride * slope / length, 0.0, last)

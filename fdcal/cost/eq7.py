@@ -1,4 +1,4 @@
-"""The cost of the paper, Eq. 7, in one place; rows of W of many modes, and the reference cost of any positions.
+"""The paper's cost, Eq. 7; rows of the dictionary W for many modes; and the reference cost of any positions.
 
     W         dictionary of one mode at the estimated positions (Eq. 4)
     alpha     W^+ p, coefficients of the field (Eq. 5)
@@ -11,33 +11,32 @@ with microphone n at x is
 
     cost(x) = r0 + |p_n - f(x)|^2 / (1 + h(x)),    f = w(x) alpha,    h = |w(x) Z|^2,
 
-w(x) the row of W at x. It equals Eq. 7 where W_-n has full column rank; otherwise W_-n is reduced to its column space
-once for all candidates. The centre of the expansion is the same for all candidates. This is the one formula of every
-search and every map: descent evaluates it in compiled loops (`fdcal.cost.lattice`), maps interpolate f and h
+where w(x) is the row of W at x. This equals Eq. 7 if W_-n has full column rank; otherwise W_-n is reduced to its column
+space once for all candidates. The centre of the expansion is the same for all candidates. Every search and every map
+uses this formula: descent evaluates it in compiled loops (`fdcal.cost.lattice`), and maps interpolate f and h
 (`fdcal.cost.maps`).
 
-Rows of W of many modes are made at any points at once. A row of one mode, order l, about a centre that may change with
-every call:
+`FieldExpansion` computes rows of W for many modes and points together, about a centre that may change with every call.
+The functions of order l are
 
     2-D             J_l(k r) exp(j l theta)            = c_l g_l(k r) (x + j y)^l
     plane in 3-D    j_l(k r) exp(j m phi), l + m even  = c_l g_l(k r) r^(l - |m|) (x + j y)^m
     3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi)
 
-g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2 holds
-it to rounding errors. The constants c_l are left out: Eq. 7 depends on the column space of W alone.
+g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2
+represents it to rounding errors. The constants c_l are omitted, since Eq. 7 only depends on the column space of W.
 
-Microphones can carry a mode if it has fewer functions than there are microphones: then Eq. 7 constrains the position of
-each of them, in a plane 2L + 1 < N (Eq. 8).
+Microphones can carry a mode if it has fewer functions than there are microphones, in a plane 2L + 1 < N (Eq. 8). Only
+then does Eq. 7 constrain the position of each microphone.
 
-The reference cost is one number for any positions: Eq. 7 over all these modes, relative to their power, in decibels.
-Solvers minimise costs of their own, which cannot be compared: a likelihood of other modes or another noise, Eq. 7 of
-the modes in use with a weight of the known microphones. Here the modes are all that the microphones can carry, the
-order of each is fixed, and every microphone has the weight 1. It is a residual: 0 dB where the positions explain
-nothing, and it falls as the positions improve, down to the noise or the truncation of the expansion. Rotations,
+The reference cost is Eq. 7 over all these modes, relative to their power, in decibels. Solvers minimise different costs
+that cannot be compared with each other; this one compares any positions. The modes are all that the microphones can
+carry, the order of each is fixed, and every microphone has the weight 1. It is 0 dB where the positions explain
+nothing, and falls as the positions improve, down to the noise or the truncation error of the expansion. Rotations,
 translations and mirror images do not change it.
 
-The pressures are those recorded, unless the solver estimates the channels: then they are divided by its gains, and
-each channel has the weight 1 / noise. Otherwise one inverted or dead channel outweighs all positions.
+If the solver estimates the channels, the pressures are divided by its gains, and each channel has the weight 1 / noise;
+otherwise one inverted or dead channel would dominate the cost.
 """
 
 from __future__ import annotations
@@ -100,7 +99,7 @@ def landscape(
 
 @dataclass(frozen=True)
 class LeaveOneOutFit:
-    """The fit of one mode to all microphones but one; the symbols are those of the module's docstring."""
+    """The fit of one mode to all microphones except one, with the symbols of the module's docstring."""
 
     Z: Complexes  # (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
     alpha: Complexes  # (K,) complex128, coefficients, unit of the pressures
@@ -108,17 +107,17 @@ class LeaveOneOutFit:
     p_n: complex  # complex, pressure of the microphone left out
 
     def terms(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return h (C,) float64 and f (C,) complex128 at candidates, from the row of W at each (C, K)."""
+        """Return h (C,) float64 and f (C,) complex128 at candidates, whose rows of W are `rows` (C, K)."""
         product = rows @ np.column_stack([self.Z, self.alpha])
         parts = product.view(float)[:, :-2]
         return np.einsum("ij,ij->i", parts, parts), product[:, -1]
 
     def cost(self, h: np.ndarray, re: np.ndarray, im: np.ndarray) -> np.ndarray:
-        """Return the cost where h and f = re + j im are these, of any shape : float64 of that shape."""
+        """Return the cost for given h and f = re + j im, of any shape : float64 of that shape."""
         return self.r0 + ((self.p_n.real - re) ** 2 + (self.p_n.imag - im) ** 2) / (1 + h)
 
     def cost_of(self, rows: np.ndarray) -> np.ndarray:
-        """Return the cost with the left-out microphone at candidates, from the row of W at each (C, K) : (C,)."""
+        """Return the cost (C,) with the left-out microphone at candidates, whose rows of W are `rows` (C, K)."""
         h, f = self.terms(rows)
         return self.cost(h, np.real(f), np.imag(f))
 
@@ -126,9 +125,9 @@ class LeaveOneOutFit:
 def leave_one_out_fits(
     dictionaries: Sequence[Complexes], pressures: np.ndarray, n: int, weights: np.ndarray | None = None
 ) -> list[LeaveOneOutFit]:
-    """Return the fit of every mode to all microphones but `n`, from M dictionaries (N, 2L + 1) and pressures (M, N).
+    """Return the fit of every mode to all microphones except `n`, from M dictionaries (N, 2L + 1) and pressures (M, N).
 
-    `weights` (N,) are those of the squared residual of each microphone; that of `n` counts as 1.
+    `weights` (N,) multiply the squared residual of each microphone; that of `n` counts as 1.
     """
     others = np.arange(int(pressures.shape[1])) != n
     scale = np.ones(np.count_nonzero(others)) if weights is None else np.sqrt(weights[others])
@@ -149,8 +148,8 @@ def leave_one_out_fits(
 def fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Z (B, K, K), alpha (B, K) and r0 (B,) of a batch of modes: W (B, N, K), p (B, N).
 
-    [W p] = Q R, and R holds S, S alpha and, in its last diagonal, the root of r0. Where the rank of W is below K, they
-    are those of its column space, from its singular values: the columns of Z beyond the rank are zero.
+    With [W p] = Q R, R holds S, S alpha and, as its last diagonal element, the root of r0. Where the rank of W is below
+    K, the singular value decomposition is used instead, and the columns of Z beyond the rank are zero.
     """
     N, K = W.shape[1:]
     R = np.asarray(np.linalg.qr(np.concatenate([W, p[..., None]], axis=2), mode="r"))
@@ -171,15 +170,15 @@ def fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
-    """Return the weights of the squared residuals, `known_weight` of known microphones, 1 of the others : (N,)."""
+    """Return weights (N,) of the squared residuals: `known_weight` for known microphones, 1 for the others."""
     weights = np.ones(problem.pressures.shape[1])
     weights[problem.known] = known_weight
     return weights
 
 
-TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
-TERMS = 48  # of the Chebyshev series before the negligible ones are dropped
-NEGLIGIBLE = 1e-16  # Chebyshev coefficient that is left out; the functions are 1 at the centre
+TABLE_RADIUS = 2.0  # radius of the tables, in search radii; the functions of points beyond it are evaluated directly
+TERMS = 48  # of the Chebyshev series before negligible ones are dropped
+NEGLIGIBLE = 1e-16  # Chebyshev coefficients below it are omitted; the functions are 1 at the centre
 
 
 @dataclass(frozen=True)
@@ -213,7 +212,7 @@ def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return how many of the lowest modes the microphones can carry; all without a search domain, as no lattice is."""
+    """Return how many of the lowest modes the microphones can carry; without a search domain, all modes."""
     if problem.search is None:
         return len(problem.pressures)
     carried = carried_modes(problem, order_offset).modes
@@ -246,12 +245,12 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
 
 
 def _row(problem: Problem) -> str:
-    """Return what a row of the pressures is called: a mode, or, of several takes, a row."""
+    """Return the word for a row of the pressures: "mode", or "row" if there are several takes."""
     return "row" if len(np.unique(problem.takes)) > 1 else "mode"
 
 
 def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
-    """Raise InputError for one of `modes`, counted from 1, that the microphones cannot carry at its order."""
+    """Raise InputError if the microphones cannot carry one of `modes`, counted from 1, at its order."""
     carried = carried_modes(problem, order_offset).modes + 1
     for mode in sorted(set(modes) - set(carried.tolist())):
         L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
@@ -263,14 +262,14 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
 
 
 def require_plane_field(problem: Problem) -> None:
-    """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
+    """Raise InputError for a field of three dimensions, for which there is no lattice dictionary."""
     if problem.dimension != 2:
         fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
         raise InputError(fault, "see its maps on the page: fdcal view", key="dimension", value=3)
 
 
 class FieldExpansion:
-    """Rows of W of the modes that the microphones can carry, `carried` : CarriedModes."""
+    """Rows of W for the modes that the microphones can carry, `carried`."""
 
     def __init__(self, problem: Problem, order_offset: int):
         self.carried = carried_modes(problem, order_offset)
@@ -294,7 +293,7 @@ class FieldExpansion:
         return radial[:, :, l] * angular
 
     def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
-        """Return g_l at the points whose squared distance, in units of the tables' radius, is given : (B, C, L + 1)."""
+        """Return g_l at points, given their squared distances in units of the tables' radius : (B, C, L + 1)."""
         k = self._k[group] * self._radius
         if squared.max(initial=0.0) > 1.0:
             return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
@@ -324,7 +323,7 @@ class FieldExpansion:
         return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
 
     def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the degree l of each column (K,), and the other factor (C, K) of the rows."""
+        """Return the degree l of each column (K,), and the angular factor (C, K) of the rows."""
         across = offsets[:, 0] + 1j * offsets[:, 1]
         powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
         if self._dimension == 2:
@@ -344,9 +343,9 @@ class FieldExpansion:
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps
 
 
-ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
+ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error is that of a centimetre
 MIN_MODES = 3  # with fewer carried modes the order is lowered
-LOWEST = 1e-16  # relative cost at which the decibels end
+LOWEST = 1e-16  # least relative cost in decibels
 
 
 def decibels(relative_cost: float) -> float:

@@ -1,27 +1,27 @@
 """Descent's search: the candidate of least Eq. 7 for one microphone, in a plane and in three dimensions.
 
-In a plane all candidates of the lattice are searched, by compiled loops over the rows of
-W from the lattice's table of radii. The sum over modes only grows, so that the search drops a candidate as soon as its
-partial sum exceeds the sum where the microphone is. That is why these loops stay beside the maps (`fdcal.cost.maps`):
-once the microphones are near their places, a step takes a tenth of the time of a map or less. The result is the argmin
-of the whole landscape, the first in lattice order of equal ones.
+In a plane all candidates of the lattice are searched, by compiled loops over the rows of W from the lattice's table of
+radii. The sum over modes only grows, so that the search drops a candidate as soon as its partial sum exceeds the full
+sum at the present position. Once the microphones are nearly right, a step therefore takes a tenth of the time of a map
+(`fdcal.cost.maps`) or less. The result is the argmin of the landscape; of equal values the first in lattice order.
 
-A lattice of three dimensions has a hundred times the candidates of a map, and W four times the columns: a volume in
+A lattice in space has a hundred times the candidates of a map, and W has four times the columns. A whole volume in
 every step would take too long, so that only some candidates are tried. The cost of one microphone has no detail finer
-than a part of the shortest wavelength in use:
+than a fraction of the shortest wavelength in use:
 
     coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
             lowest up, and after each quarter of them the worse half of the candidates is dropped
     fine    from the best few of these, and from where the microphone is, to neighbours at half the distance, and so on
             down to the lattice's own step, until none is lower
 
-The result is the lowest candidate that was tried, never one above the place of the microphone. The rows of W are those
-of `fdcal.cost.eq7`, which differ from those of the paper's dictionary by a factor of each column: Eq. 7 does not
-depend on it.
+The result is the lowest candidate that was tried, and never higher than the cost at the present position. The rows of W
+are those of `fdcal.cost.eq7`, whose columns differ from the paper's dictionary by factors on which Eq. 7 does not
+depend.
 
-The compiled loops compute rows of W for many points at once, real and imaginary parts apart and the points along the
-last axis, so that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`. Loops copy
-arrays, because of `a[i:] = b[i:]` numba also compiles the text of an error, which takes longer than all else here.
+The compiled loops compute rows of W for many points together, with real and imaginary parts in separate arrays and the
+points along the last axis, so that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`.
+Arrays are copied in loops, because for `a[i:] = b[i:]` numba also compiles an error message, which takes longer than
+all other code here.
 """
 
 import functools
@@ -36,12 +36,12 @@ from ..model.problem import Problem
 from ..model.validation import Bools, Complexes, Integers, Reals
 from . import eq7
 
-SPACING = 1 / 8  # of coarse candidates, of the shortest wavelength in use
-MIN_COARSE = 5  # coarse candidates along the shortest axis, at least
-QUARTERS = 4  # parts of the modes, after each of which half of the coarse candidates is dropped
-MIN_KEPT = 32  # candidates that are never dropped before all modes are summed
-SEEDS = 4  # coarse candidates that are refined
-MAX_WALK = 40  # moves at the finest step
+SPACING = 1 / 8  # distance of coarse candidates, in shortest wavelengths
+MIN_COARSE = 5  # least number of coarse candidates along the shortest axis
+QUARTERS = 4  # parts of the modes; after each part half of the coarse candidates are dropped
+MIN_KEPT = 32  # least number of candidates that are kept until all modes are summed
+SEEDS = 4  # number of coarse candidates that are refined
+MAX_WALK = 40  # number of moves at the finest step
 
 
 @functools.lru_cache(maxsize=3)
@@ -136,7 +136,7 @@ class SpaceLattice:
         return self._place(index), least
 
     def _refined(self, cost: Callable[..., np.ndarray], index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
-        """Return the candidate that neighbours at ever smaller distances lead to, and its cost."""
+        """Return the candidate that is found by moving to lower neighbours at decreasing distances, and its cost."""
         around = np.delete(_grid([np.arange(-1, 2)] * 3), 13, axis=0)  # without the candidate itself
         least = float(cost(index[None])[0])
         for reach in [stride >> halved for halved in range(1, stride.bit_length())] + [1] * MAX_WALK:
@@ -175,8 +175,8 @@ def pruned_search(
 ):
     """Return the candidate of least cost summed over the modes, and that cost; `start` is tried first.
 
-    All candidates are summed mode by mode, the lowest and cheapest first, and after each mode only those stay whose sum
-    is not above the cost of `start`.
+    All candidates are summed mode by mode, from the lowest mode, which is cheapest. After each mode only candidates are
+    kept whose sum does not exceed the cost of `start`.
     """
     floor = r0.sum()
     kept, total = np.array([start]), np.array([floor])
@@ -223,7 +223,7 @@ def _add_mode(
 
 @compiled
 def _rows(J: Complexes, unit: Complexes, row: Integers, which: Integers, L: int, re: Reals, im: Reals):
-    """re[l] + j im[l] = J_l exp(j l theta), l = -L..L, of the points `which`; their rows of the table J are `row`."""
+    """Compute re[l] + j im[l] = J_l exp(j l theta), l = -L..L, for the points `which`, whose rows in J are `row`."""
     for c in range(len(which)):
         point = which[c]
         r, u, v = row[point], unit[point].real, unit[point].imag

@@ -9,14 +9,15 @@
     landscape_panels                the landscapes of one microphone, mode by mode and summed: the paper's Fig. 1
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
-A lattice is far finer than the field. With microphone n at x all costs are simple functions of two fields,
+A lattice is far finer than the field. With microphone n at x, all costs are simple functions of two fields, such as
+r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
 
     f(x)   prediction of the pressure at x by the other microphones, which has no wavenumber above k
-    h(x)   variance of the error of this prediction, which has none above 2 k
+    h(x)   variance of the error of this prediction, which has no wavenumber above 2 k
 
-(`fdcal.cost.eq7`: r0 + |p_n - f|^2 / (1 + h)). Both are computed at the Chebyshev nodes of a few dozen degrees along
-each axis and interpolated, exact to rounding errors; the quotient is taken after that. So maps on different lattices
-agree at the points that they share. In three dimensions a map is the horizontal layer at the microphone's height.
+Both are computed at a few dozen Chebyshev nodes along each axis and interpolated, exactly to rounding errors; the
+quotient is taken afterwards. Maps on different lattices therefore agree at shared points. In three dimensions a map is
+the horizontal layer at the microphone's height.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ from .kernels import diffuse_correlation
 from .likelihood import isotropic_field
 from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 
-NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
-VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records
-MAX_VALUES = 10_000_000  # of the rows of W in memory at the same time, 160 MB
-EXTRA_ORDERS = 12  # of the likelihood beyond ceil(k R): the rest of the kernel is below 1e-13
-MAX_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
+NEGLIGIBLE = 1e-15  # Chebyshev coefficients of a map below it are omitted
+VOLUME_NEGLIGIBLE = 1e-8  # the same for a volume
+MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the same time, 160 MB
+EXTRA_ORDERS = 12  # orders beyond ceil(k R) in the likelihood, after which the rest of the kernel is below 1e-13
+MAX_FUNCTIONS = 4  # functions per microphone above which covariances are cheaper than the dictionary
 FINE = 500  # points along the longer edge of a fine map
 
 
@@ -53,7 +54,7 @@ FINE = 500  # points along the longer edge of a fine map
 
 
 def area(search: Search, dimension: int = 2) -> np.ndarray:
-    """Return lowest and highest x and y, and z of three dimensions, the cells at the edge included : (2, D) metres."""
+    """Return the lowest and the highest coordinates of the domain, edge cells included : (2, D), metres."""
     low = np.asarray(search.origin)[:dimension] - search.step / 2
     return np.stack([low, low + search.step * np.array(search.shape[:dimension])])
 
@@ -62,10 +63,10 @@ def area(search: Search, dimension: int = 2) -> np.ndarray:
 def node_counts(
     search: Search, wavenumber: float, dimension: int = 2, negligible: float = NEGLIGIBLE
 ) -> tuple[int, ...]:
-    """Return the numbers of nodes along each axis that resolve wavenumbers up to 2 k, `wavenumber` k in rad/m.
+    """Return the numbers of nodes along each axis that resolve wavenumbers up to 2 k, where k is `wavenumber`, rad/m.
 
-    They are multiples of 4, so that modes share their tables. `negligible` is the Chebyshev coefficient of a plane wave
-    of wavenumber 2 k that is left out.
+    They are multiples of 4, so that modes share their tables. Chebyshev coefficients of a plane wave of wavenumber 2 k
+    below `negligible` are omitted.
     """
     low, high = area(search, dimension)
     counts: list[int] = []
@@ -79,7 +80,7 @@ def node_counts(
 def node_points(search: Search, counts: Sequence[int], height: Sequence[float] | Reals) -> np.ndarray:
     """Return the nodes of the domain, `counts` along each axis : (C, D) metres, x fastest.
 
-    `height` holds the coordinates that follow those of the nodes: z (1,) of a layer in space, none otherwise.
+    `height` holds further coordinates that all nodes share: z (1,) for a layer in space, otherwise nothing.
     """
     low, high = area(search, len(counts))
     axes = [a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
@@ -204,9 +205,9 @@ def _on_the_page(
     order_offset: int,
     channels: ChannelCorrection | None,
 ) -> MovedMicrophone:
-    """Return the terms at one fixed order, about the centre of the estimate, weighted by the noise of the channels.
+    """Return the terms of the reference cost of `fdcal.cost.eq7`, with the order of each mode fixed by `order_offset`.
 
-    They are those of `fdcal.cost.eq7`, and depend neither on the solver nor on the other modes.
+    They depend neither on the solver nor on the choice of modes.
     """
     eq7.require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)
@@ -229,7 +230,7 @@ def eq7_maps(
 
 @dataclass(frozen=True)
 class CostVolume:
-    """The cost of moving one microphone through a domain of three dimensions, which any lattice of it shows."""
+    """The cost of moving one microphone through a domain of three dimensions, for evaluation on any lattice."""
 
     domain: Search
     modes: tuple[NodeTerms, ...]
@@ -260,8 +261,8 @@ def cost_volume(
 ) -> CostVolume | None:  # fmt: skip
     """Return the cost of `eq7_maps`, summed over `modes`, with microphone `n` anywhere in the search domain.
 
-    None once `cancelled`, which tells whether the volume is no longer wanted. `negligible` is the Chebyshev coefficient
-    that is left out; a larger one makes a volume sooner.
+    The result is None if `cancelled` returns True before the end. Chebyshev coefficients below `negligible` are
+    omitted; a larger value saves time.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
@@ -331,7 +332,7 @@ def likelihood_maps(
             rows = _node_rows(domain, range(len(problem.pressures))[modes][m], k, int(orders[m]))
             W = _real_dictionary(others, k, int(orders[m]), middle)
             # With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T takes the place of C_-n:
-            # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
+            # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, with O(K^2) operations per node.
             mu = v / s
             G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
             inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
@@ -341,8 +342,8 @@ def likelihood_maps(
             t = rows @ inverse.T
             h, f = np.einsum("ij,ij->i", t, t), rows @ alpha
         else:
-            # C_-n = G G^T, c the covariance with a node, t = G^-1 c: f = t^T G^-1 p_-n and v V = s + v - |t|^2. This
-            # is cheaper in space and for a very wide array.
+            # With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2.
+            # This is cheaper in space and for a very wide array.
             G = np.linalg.cholesky(s * diffuse_correlation(k * between, problem.dimension) + v * np.eye(len(rest)))
             inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
             y = inverse @ rest
@@ -359,7 +360,7 @@ def likelihood_maps(
 def _real_dictionary(points: Reals, k: float, order: int, centre: Reals) -> np.ndarray:
     """Return W (N, 2L + 1) float64 of a real k: J_0, then sqrt(2) J_l cos(l theta) and sqrt(2) J_l sin(l theta).
 
-    It is that of Eq. 4 after a unitary map, so that W W^T is the same. The first columns are those of a lower order.
+    It equals Eq. 4 after a unitary transformation, so that W W^T is the same. The columns of lower orders come first.
     """
     offsets, orders = points - centre, np.arange(1, order + 1)
     J = np.sqrt(2.0) * bessel(k * np.hypot(*offsets.T), order).T
@@ -424,9 +425,9 @@ def cost_maps(
 def mode_powers(
     problem: Problem, solver: HasLandscape, state: Any, modes: Sequence[int], order_offset: int | None
 ) -> Reals | None:
-    """Return the power of each of `modes` (P,), to which a map of Eq. 7 is relative; None of another quantity.
+    """Return the power of each of `modes` (P,), to which a map of Eq. 7 is relative; None for a map of a likelihood.
 
-    A method that moves single microphones minimises Eq. 7, too, with weights of the known ones.
+    A solver that moves single microphones also minimises Eq. 7, with a weight for known microphones.
     """
     if order_offset is None and solver.TRAITS.moves_all:
         return None
@@ -440,7 +441,7 @@ class PartialSum:
     """The map of some modes."""
 
     modes: tuple[int, ...]  # in the order in which they were added, counted from 1
-    cost: Reals  # (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
+    cost: Reals  # (ny, nx) float64; Eq. 7 is relative to the power of these modes
     minima: Minima
 
 
@@ -481,13 +482,13 @@ def map_minima(
 
 
 def lattice_of(problem: Problem, modes: Sequence[int]) -> Search:
-    """Return the coarsest lattice that shows the minima of a sum of modes as they are: a fine one for few modes."""
+    """Return a lattice that resolves the minima of a sum of modes: a fine one for few modes, else the domain's own."""
     domain = eq7.search_domain(problem)
     return refined(domain) if len(modes) <= FEW_MODES else domain
 
 
 def minima_of(cost: Reals, search: Search) -> Minima:
-    """Return what is marked on a map (ny, nx) or volume (nz, ny, nx) over the lattice `search`."""
+    """Return the marks on a map (ny, nx) or volume (nz, ny, nx) over the lattice `search`."""
     from .basins import local_minima  # compiled code, loaded with the first map
 
     values, found = on_scale(cost), local_minima(cost)
@@ -512,9 +513,10 @@ def mode_shape(
 ) -> tuple[np.ndarray, float]:
     """Return the pressure of one mode over a lattice (ny, nx), reconstructed from the microphones but `n`, and at `n`.
 
-    It is the real part of W alpha (Eq. 6) at the phase with most pressure, scaled to a largest magnitude of 1. It
-    matches the room among the microphones and where the positions are right. At microphone `n`, counted from 0, it is
-    what was measured; NaN for None. `search`: the lattice; the solver's unless given.
+    The map is the real part of W alpha (Eq. 6) at the phase with most pressure, normalised to a peak of 1. It agrees
+    with the field of the room between the microphones if the positions are right. The second value is the measured
+    pressure of microphone `n`, counted from 0, in the same scale; NaN if `n` is None. `search` is the lattice, by
+    default the solver's.
     """
     search = problem.search if search is None else search
     if problem.dimension != 2 or search is None:
@@ -522,7 +524,7 @@ def mode_shape(
         raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     others = np.flatnonzero(np.arange(len(positions)) != n)
-    # 2L + 1 functions (Eq. 8) for fewer than N microphones
+    # fewer functions, 2L + 1, than microphones (Eq. 8)
     L = min(int(max_order(k, search.radius, order_offset)), (len(others) - 2) // 2)
     centre = positions[others].mean(axis=0)
     p, scale = equalised(problem.pressures[mode - 1], channels)

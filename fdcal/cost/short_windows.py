@@ -1,27 +1,27 @@
 """The likelihood of many short windows: the field of each is random, and its covariance follows from the positions.
 
-A short window of a take holds the sound of a few reflections. Over many windows these come from all sides, more from
-some than from others, so that the spectra p of one take and frequency share one covariance:
+A short window of a take holds the sound of a few reflections. Over many windows these come from all directions, though
+with unequal power, so that the spectra p of all windows of a take and frequency have the same covariance matrix up to
+the power s of each window:
 
-    p    ~ CN(0, s C),   s the power of this window alone
+    p    ~ CN(0, s C)
     C    = G (K + b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
     K_ij = j_0(k d) + sum_l a_l j_2(k d) Y_l(u) + r (J_0(k d_h cos g) cos(k d_v sin g) - j_0(k d)),   d u = x_i - x_j
     h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, the direct sound of the take
 
     Y_l  the five quadratic harmonics
-    r    part of the sound that comes from the elevations g and -g; d_h and d_v, the horizontal and the vertical part
-         of d. A room absorbs most at floor and ceiling: those of its image sources that are heard longest lie in the
-         layer of the room and next to it
+    r    fraction of the sound that comes from the elevations g and -g; d_h and d_v are the horizontal and the vertical
+         part of d. Floor and ceiling absorb most in a room, so that late sound comes from nearly horizontal directions
     b    power of the direct sound of a take, from direction v (3,), of curvature q, 1/m
-    e    power of the noise; b and e vary with frequency, by interpolation between a few nodes
+    e    power of the noise; b and e are interpolated in frequency between a few nodes
 
-With the power of each window at its likeliest value, sum |..|^2 / N, the cost is
+With the power of each window at its likeliest value, p^H C^-1 p / N, the cost is
 
     cost = sum over groups of W log det C + N sum over windows of log p^H C^-1 p
 
-(Tyler 1987: the angular Gaussian distribution). Its Fisher information is that of the complex Gaussian distribution,
-without what the powers take, times N / (N + 1). A group is one take at one frequency. No limit of interpolation holds
-here, such as Eq. 9: the coherence of distant microphones is small at high frequencies, and still informative.
+(Tyler 1987: the angular Gaussian distribution). A group is one take at one frequency. The Fisher information is that of
+the complex Gaussian distribution with the powers eliminated, times N / (N + 1). No interpolation limit such as Eq. 9
+applies: the coherence of distant microphones is small at high frequencies, but still informative.
 """
 
 import functools
@@ -52,14 +52,14 @@ SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
 NOISE_PRIOR, DIRECT_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
-NEGATIVE = 1e4  # nats, twice the cost of a power of -1, relative to the mean, from one of the directions
-NO_DIRECT = -14.0  # logarithm of the power of a direct sound that does not count
+NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power, relative to the mean, from one direction
+NO_DIRECT = -14.0  # logarithm of a negligible power of the direct sound
 NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))
 
 
 @dataclass(frozen=True)
 class ShortField:
-    """Positions, channels and what is assumed of the field; all shared by the takes but the direct sound."""
+    """Positions, channels and field parameters; the takes share all of them except the direct sound."""
 
     positions: Reals  # (N, 3) float64, metres
     channels: Reals  # (N, 2) float64, nepers and radians
@@ -72,10 +72,10 @@ class ShortField:
 
 @dataclass(frozen=True)
 class ShortTerms:
-    """Cost, and its derivatives by (N, 5) parameters of the microphones, spectrum, noise, and those of each take."""
+    """Cost and derivatives by the parameters: (N, 5) of the microphones, spectrum, noise, and those of each take."""
 
     cost: float
-    gradient: Reals  # (P,) float64, empty for the cost alone
+    gradient: Reals  # (P,) float64; all derivatives are empty where only the cost was asked for
     fisher: Reals  # (P, P) float64
     scores: Reals  # (G, P) float64, gradient of each group, without the priors
 
@@ -98,13 +98,14 @@ def first_field(positions: Reals, takes: int) -> ShortField:
 def free_parameters(
     N: int, takes: int, axes: Integers, channels: bool = False, spectrum: int = 0, direct: bool = False
 ) -> np.ndarray:
-    """Return which parameters of a step move : (P,) bool.
+    """Return which parameters are free : (P,) bool.
 
-    axes : coordinates that are free, two of an array in a plane; spectrum : how many of its numbers, from the first
+    axes : coordinates that are free, two for an array in a plane; spectrum : number of spectrum parameters that are
+    free, from the first
     """
     each = np.tile([*np.isin(np.arange(3), axes), channels, channels], N)
     shape = np.arange(len(SPECTRUM)) < spectrum
-    if len(axes) == 2:  # no sound is heard that comes from one side of the plane and not from the other
+    if len(axes) == 2:  # an array in a plane cannot distinguish sound from the two sides of the plane
         across = 3 - int(np.sum(axes))
         shape[:5] &= np.array([across not in pair for pair in ((), (0, 1), (0, 2), (1, 2), ())])
     return np.concatenate([each, shape, np.full(NOISE_NODES, True), np.full((DIRECT_NODES + 3) * takes, direct)])
@@ -129,13 +130,13 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
 
 
 def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndarray]]:
-    """Return the field turned so that z may be the vertical, and the free coordinates (D,) of its array, for each case.
+    """Return, for each possible vertical, the field rotated so that z is vertical, and the free coordinates (D,).
 
-    The vertical is the axis from which least sound comes, by the spectrum of degree 2. An array in the plane of x and y
-    either lies, and z is its normal, or stands, and z is an axis in its plane; it is then in the plane y = 0.
+    Least sound comes from the vertical, by the spectrum of degree 2. An array in the plane of x and y either lies, and z
+    is its normal, or stands, and z is an axis in its plane; it is then rotated into the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
-    turn = np.linalg.eigh(tensor)[1]  # of the greatest value last
+    turn = np.linalg.eigh(tensor)[1]  # the axis of the largest eigenvalue is last
     cases = [(turn, axes)]
     if len(axes) == 2:
         standing = np.eye(3)[:, [0, 2, 1]]
@@ -152,7 +153,7 @@ def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndar
 
 
 def _tangents(directions: Reals) -> np.ndarray:
-    """Two unit vectors across each direction (T, 3) : (T, 2, 3)."""
+    """Return two unit vectors perpendicular to each direction (T, 3) : (T, 2, 3)."""
     return np.linalg.svd(directions[:, None])[2][:, 1:]
 
 
@@ -162,11 +163,11 @@ class ShortLikelihood:
 
     wavenumbers: Reals  # (G,) float64, rad/m, of each group
     takes: Integers  # (G,) int64
-    pressures: Complexes  # (G, W, N) complex64 or complex128; a window that does not count is 0 in all channels
-    dispersion: float = 1.0  # by which the windows are fewer independent ones; the cost is divided by it
+    pressures: Complexes  # (G, W, N) complex64 or complex128; a window that is not used is 0 in all channels
+    dispersion: float = 1.0  # windows per independent window; the cost is divided by it
 
     def terms(self, field: ShortField, derivatives: bool = True) -> ShortTerms:
-        """Return the cost with priors at a field. LinAlgError for a covariance that is not positive definite."""
+        """Return the cost with priors; raises LinAlgError for a covariance that is not positive definite."""
         k, take, x, N = self.wavenumbers, self.takes, field.positions, len(field.positions)
         each, of_group = np.unique(k, return_inverse=True)
         K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, derivatives)
@@ -194,7 +195,7 @@ class ShortLikelihood:
         p = p * np.sqrt(weight)[..., None]
         scatter = p.swapaxes(1, 2) @ np.conj(p)
         M = windows[:, None, None] * inverse - inverse @ scatter @ inverse
-        # What belongs to a microphone has one row and one column: dC = e_n D_n + (e_n D_n)^H.
+        # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
         rows = [
             slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
             for slope, moved in zip(slopes, delay_slopes, strict=True)
@@ -208,9 +209,9 @@ class ShortLikelihood:
 
 
 def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals) -> np.ndarray:
-    """Derivatives (G, S + 5, V) of what all microphones of a group share by the parameters that all groups share.
+    """Return the derivatives (G, S + 5, V) of the parameters of each group by the parameters of all groups.
 
-    Of a group these are the spectrum, the noise, the power, direction (2) and curvature of its direct sound.
+    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of its direct sound.
     """
     every, S = np.arange(len(take)), len(SPECTRUM)
     own = S + NOISE_NODES + (DIRECT_NODES + 3) * take
@@ -227,10 +228,10 @@ def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals)
 def _scores_and_fisher(
     windows: Reals, inverse: Complexes, M: Complexes, rows: Sequence[Complexes], whole: Sequence[Numbers], design: Reals
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradient of each group (G, P) and Fisher information (P, P) by microphones and by what all share.
+    """Return the gradient of each group (G, P) and the Fisher information (P, P), by all parameters.
 
-    M : (G, N, N), gradient by C; rows : D of each parameter of a microphone; whole : derivatives of C by what the
-    microphones of a group share; design : of `_design`
+    M : (G, N, N), gradient by C; rows : D of each parameter of a microphone; whole : derivatives of C by each parameter
+    of the group; design : result of `_design`
     """
     G, N = len(inverse), inverse.shape[1]
     P, weight = N * len(rows), windows * N / (N + 1)
@@ -266,9 +267,9 @@ def _scores_and_fisher(
 def anisotropic_kernel(
     x: Reals, k: Reals, spectrum: Reals, slope: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return K (F, N, N), its slopes (3, F, N, N) by x_i - x_j, and (7, F, N, N) those by the spectrum's numbers.
+    """Return K (F, N, N), its derivatives (3, F, N, N) by x_i - x_j, and (7, F, N, N) by the spectrum parameters.
 
-    x : (N, 3), metres; k : (F,), rad/m; spectrum : (7,). Slopes and matrices are empty unless wanted.
+    x : (N, 3), metres; k : (F,), rad/m; spectrum : (7,). The derivatives are empty without `slope`.
     """
     N, (*a, ring, elevation) = len(x), spectrum
     i, j = np.triu_indices(N, 1)
@@ -304,15 +305,15 @@ def anisotropic_kernel(
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:
-    """Weights (F, count) of the linear interpolation between nodes over the band of ascending k (F,)."""
+    """Return the weights (F, count) of linear interpolation between nodes over the band of ascending k (F,)."""
     along = (k - k[0]) / max(float(k[-1] - k[0]), 1e-9)
     return np.maximum(0.0, 1 - np.abs(along[:, None] - np.linspace(0, 1, count)) * (count - 1))
 
 
 def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """t (T, N), metres, its slopes (3, T, N) by the coordinates of the microphone, and three (T, N) by the wave.
+    """Return t (T, N), metres, its slopes (3, T, N) by the coordinates, and three slopes (T, N) by the wave.
 
-    The last are those by the direction, along two tangents, and by the curvature.
+    The last three are those by the direction, along two tangents, and by the curvature.
     """
     x, v, q = field.positions, field.directions, field.curvature[:, None]
     along, tangents = v @ x.T, _tangents(v) @ x.T
@@ -323,9 +324,10 @@ def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]
 
 
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
-    """Cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
+    """Return cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
 
-    They are Gaussian; and neither a direction has a negative power, 1 - r - sum_l a_l Y_l(u) of the mean, nor the ring.
+    The priors are Gaussian. A penalty keeps two powers from becoming negative: 1 - r - sum_l a_l Y_l(u), relative to
+    the mean, from any direction u, and r.
     """
     N, T = field.channels.shape[0], len(field.direct)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
@@ -347,13 +349,13 @@ def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def _quadratic(u: Reals) -> np.ndarray:
-    """Y_l (5, P) in the directions u (P, 3)."""
+    """Return Y_l (5, P) in the directions u (P, 3)."""
     return np.einsum("pa,lab,pb->lp", u, QUADRATIC, u)
 
 
 @functools.cache
 def _directions(count: int) -> np.ndarray:
-    """Unit vectors (count, 3) that lie evenly on the sphere, on a spiral."""
+    """Return unit vectors (count, 3) that are evenly distributed over the sphere, on a spiral."""
     turn = np.arange(count)
     height = 1 - 2 * (turn + 0.5) / count
     angle, flat = turn * np.pi * (3 - np.sqrt(5.0)), np.sqrt(1 - height**2)
@@ -361,7 +363,7 @@ def _directions(count: int) -> np.ndarray:
 
 
 def with_direct_sound(likelihood: ShortLikelihood, field: ShortField, count: int = 300) -> ShortField:
-    """Return the field with the likeliest direct sound of each take: of `count` directions and four powers."""
+    """Return the field with the likeliest direct sound of each take, among `count` directions and four powers."""
     directions = _directions(count)
     powers, N = np.exp([-3.0, -1.5, 0.0, 1.5]), len(field.positions)
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
