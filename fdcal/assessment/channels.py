@@ -21,7 +21,7 @@ MAX_NOISE = 12.0  # noise over that of the median channel above which a channel 
 # fraction of the power below which noise is not a fault, because the misfit of the field model may cause it
 MIN_NOISE = 1e-4
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
-UNPREDICTED_TO_MEDIAN = 3.0  # the same fraction over that of the median channel, which must be exceeded as well
+UNPREDICTED_TO_MEDIAN = 3.0  # factor by which this fraction must also exceed that of the median channel
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:

@@ -122,7 +122,7 @@ class CrossValidation:
     """Leave-one-out prediction error over pressure, in decibels."""
 
     overall: float  # power of the error over power of the pressures, every mode with the same weight
-    microphones: np.ndarray  # (N,) float64, likewise of each microphone
+    microphones: np.ndarray  # (N,) float64, the same for each microphone
     modes: np.ndarray  # (modes in use,) float64, of each frequency
 
 

@@ -238,7 +238,7 @@ def rms_radius(positions: np.ndarray) -> float:
 def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
     """Return the number of modes well below f_max (Eq. 9) of an array found at `positions` (N, D), metres.
 
-    With fewer modes another array is found, which has another limit; therefore the margin MODES_MARGIN.
+    With fewer modes the solver finds a slightly different array with another limit, which the margin allows for.
     """
     limit = array_f_max(positions, problem.sound_speed, problem.dimension)
     return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))

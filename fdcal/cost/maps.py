@@ -398,7 +398,7 @@ def _node_rows(domain: Search, mode: int, k: float, order: int) -> np.ndarray:
 
 
 class HasLandscape(Protocol):
-    """A solver, of which maps need the cost that it minimises."""
+    """The part of a solver that maps need: its traits and the cost that it minimises."""
 
     @property
     def TRAITS(self) -> Any: ...

@@ -79,7 +79,7 @@ class PositionSpread:
 
     @property
     def excess(self) -> float:
-        """Variance of the errors of the data beyond that of the assumed field, relative to the latter."""
+        """Relative excess of the variance of the data's errors over the variance that the field model predicts."""
         return EXCESS * max(0.0, self.dispersion - 1)
 
 

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import shortest_path
 from ..acoustics.compiled import check_deadline
 from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
-from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
+from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
 from ..model.validation import Complexes, InputError, Numbers, Reals
@@ -142,21 +142,16 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
             sizes = [scale * guess for scale in SCALES]
             guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
         guess = _fitted(guess, p, field, basis)
-        residual = _noise_at(problem, guess, several)
+        used = np.arange(several)[:: max(1, -(-several // NOISE_MODES))]
+        p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
+        field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
+        residual = estimate_noise(guess, p, field, DIFFUSE_FLOOR)
     return guess
 
 
 METRIC_PRESSURES = 4000  # approximate number of pressures to which a metric is fitted
 MIN_MODES = 24  # least number of modes to which a metric is fitted
 NOISE_MODES = 24  # modes from which the noise is estimated
-
-
-def _noise_at(problem: Problem, positions: Reals, modes: int) -> NoiseEstimate:
-    """Return noise and position error in an isotropic field, estimated from some of the lowest `modes`."""
-    used = np.arange(modes)[:: max(1, -(-modes // NOISE_MODES))]
-    p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
-    field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
-    return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
 
 
 METRIC_STEPS = 12  # steps of the fit of the metric at most

@@ -206,7 +206,7 @@ class Hypothesis:
     positions: Reals  # (N, D) float64, metres, the array in the frame of the given positions
 
 
-EXAMINED = 7  # number of given positions, those that fit worst, of which each may be wrong and each two exchanged
+EXAMINED = 7  # number of given positions with the worst fit that the hypotheses take as wrong or exchanged
 
 
 def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float | None) -> list[Hypothesis]:

@@ -43,6 +43,8 @@ def result(problem: Problem, state: State) -> Estimate:
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
     stated, spread = state.settings.sound_speed_sigma or 0.0, np.array([model.gain_sigma, model.phase_sigma])
     noise_power = claim.objective.field.noise
+    ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
+    framed = bool(len(problem.known)) and not given.inaccurate(state)  # whether given positions fix the frame
     return Estimate(
         problem=problem,
         modes=state.modes,
@@ -54,7 +56,7 @@ def result(problem: Problem, state: State) -> Estimate:
         given=_given(problem, state, claim, here),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
-        tried=_tried(problem, state),
+        tried=tuple(TriedOptimum(x.positions, x.score, framed and given.same_given(state, x)) for x in ended),
         window_ratio=0.0 if model.window_positions is None else model.window_ratio,
     )
 
@@ -90,12 +92,6 @@ def estimate_at(
     found = result(problem, replace(state, converged=converged, finished=True))
     # The minimum of the other cost is elsewhere, so that a Newton step of the likelihood does not mean an early end.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
-
-
-def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
-    constrained = bool(len(problem.known)) and not given.inaccurate(state)
-    ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
-    return tuple(TriedOptimum(one.positions, one.score, constrained and given.same_given(state, one)) for one in ended)
 
 
 def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknowns) -> GivenEstimate:

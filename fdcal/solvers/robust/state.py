@@ -29,7 +29,7 @@ CORNER_SIGMA = 2.0  # rad/m, prior sigma of the high-pass corner (times 2 pi / c
 # metres, one sigma of a given coordinate at the start; only a hypothesis on the given positions makes it greater
 GIVEN_SIGMA = 3e-3
 
-SUSPICIOUS = 4.0  # noise of a channel over that of the others from which the channel is examined
+SUSPICIOUS = 4.0  # relative noise tau above which a channel is examined
 
 # iterations of expectation and maximisation of the power by direction, before the first step and after every step;
 # with 1 the errors grow by 2 %
