@@ -132,8 +132,8 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
 def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndarray]]:
     """Return, for each possible vertical, the field rotated so that z is vertical, and the free coordinates (D,).
 
-    Least sound comes from the vertical, by the spectrum of degree 2. An array in the plane of x and y either lies, and z
-    is its normal, or stands, and z is an axis in its plane; it is then rotated into the plane y = 0.
+    Least sound comes from the vertical, by the spectrum of degree 2. An array in the plane of x and y either lies, and
+    z is its normal, or stands, and z is an axis in its plane; it is then rotated into the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
     turn = np.linalg.eigh(tensor)[1]  # the axis of the largest eigenvalue is last
