@@ -195,8 +195,7 @@ def test_the_version_is_the_same_everywhere():
     assert citation["version"] == version and citation["license"] == PROJECT["license"]
     assert fdcal.__version__ == metadata.version("fdcal")
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    headings = re.findall(r"^## \[(.+?)\]", changes, re.MULTILINE)
-    assert headings[0] == "Unreleased"
+    assert re.findall(r"^## (.+)", changes, re.MULTILINE)[0] == f"[{version}] - {citation['date-released']}"
 
 
 def test_the_version_is_printed(capsys):
