@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import re
 import tempfile
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -61,15 +63,23 @@ class OwnFiles:
         self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
         self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-")
         self.worker, self._complaint = LatestWorker(self._open, "fdcal-open", notify=wake), ""
-        server._websock_server.register_handler(_messages.FileTransferStartUpload, self._begin)
-        server._websock_server.register_handler(_messages.FileTransferPart, self._take)
+        self._lock, self._closed = threading.Lock(), False
+        for kind, take in ((_messages.FileTransferStartUpload, self._begin), (_messages.FileTransferPart, self._take)):
+            server._websock_server.register_handler(kind, partial(self._locked, take))
 
     def close(self) -> None:
         """End the thread, and delete the files."""
         self.worker.close(0.5)
-        for client in list(self._delivered):
-            self.forget(client)
-        self._folder.cleanup()
+        with self._lock:  # no file that arrives now begins in the folder
+            self._closed = True
+            for client in list(self._delivered):
+                self.forget(client)
+            self._folder.cleanup()
+
+    def _locked(self, take: Callable[[int, Any], None], client: int, message: Any) -> None:
+        with self._lock:
+            if not self._closed:
+                take(client, message)
 
     def forget(self, client: int) -> None:
         """Forget what a browser has sent without opening it."""

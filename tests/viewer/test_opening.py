@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, choose, serving_here, tab, trigger, unhurried
+from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, until
 
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION, summed_text
@@ -92,8 +92,12 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.wait_for_function("/modes=92(&|$)/.test(location.hash)")
     invitation = page.get_by_text(INVITATION)
     assert not invitation.is_visible(), "there was no film"
-    page.evaluate("document.documentElement.setAttribute('data-invited', '')")  # as the film does at its end
-    invitation.wait_for()
+
+    def invited():  # as by the film at its end; an answer to the slider that comes only now takes it back
+        page.evaluate("document.documentElement.setAttribute('data-invited', '')")
+        assert invitation.is_visible()
+
+    until(page, invited)
     page.wait_for_function("() => window.__viserMutable.nodeRefFromName['/relief']?.children.length > 0")
     stands = f"const at = ({DISC})({opening.MICROPHONE}), there = String(at), same = there == window.there;"
     page.wait_for_function(f"() => {{ {stands} window.there = there; return at && same; }}", polling=300)
