@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import re
 import tempfile
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -61,25 +59,20 @@ class OwnFiles:
 
     def __init__(self, server: viser.ViserServer, show: Callable[[OpenRequest], None], wake: Callable[[], None]):
         self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
-        self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-")
+        self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-", ignore_cleanup_errors=True)
         self.worker, self._complaint = LatestWorker(self._open, "fdcal-open", notify=wake), ""
-        self._lock, self._closed = threading.Lock(), False
-        for kind, take in ((_messages.FileTransferStartUpload, self._begin), (_messages.FileTransferPart, self._take)):
-            server._websock_server.register_handler(kind, partial(self._locked, take))
+        self._closed = False
+        server._websock_server.register_handler(_messages.FileTransferStartUpload, self._begin)
+        server._websock_server.register_handler(_messages.FileTransferPart, self._take)
 
     def close(self) -> None:
         """End the thread, and delete the files."""
         self.worker.close(0.5)
-        with self._lock:  # no file that arrives now begins in the folder
-            self._closed = True
-            for client in list(self._delivered):
-                self.forget(client)
+        self._closed = True
+        for client in list(self._delivered):
+            self.forget(client)
+        for _ in range(3):  # a file that begins at this moment may be put into it while it is deleted
             self._folder.cleanup()
-
-    def _locked(self, take: Callable[[int, Any], None], client: int, message: Any) -> None:
-        with self._lock:
-            if not self._closed:
-                take(client, message)
 
     def forget(self, client: int) -> None:
         """Forget what a browser has sent without opening it."""
@@ -89,7 +82,7 @@ class OwnFiles:
     def _begin(self, client: int, message: Any) -> None:
         """Take the name and the size of the next file, on viser's event loop."""
         handle, delivered = self._server.get_clients().get(client), self._delivered.get(client)
-        if handle is None or message.source_component_uuid not in (RECORDING, LIST):
+        if self._closed or handle is None or message.source_component_uuid not in (RECORDING, LIST):
             return
         if delivered is None:
             uploaded = handle.gui.add_html(content("upload"), visible=False)

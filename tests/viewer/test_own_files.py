@@ -109,5 +109,8 @@ def test_names_stay_in_the_folder_and_neither_more_bytes_nor_other_roles_are_tak
     wait_until(lambda: not own.made._delivered)
     assert own.made._bytes == 60 and not own.opened
     own.made.close()
-    own.made._locked(own.made._begin, 0, SimpleNamespace(source_component_uuid=RECORDING))  # arrives too late
+    assert not folder.exists()
+    own.begin(RECORDING, "late.wav", 10)
+    own.give(kind="auto 20")
+    wait_until(lambda: not own.made._delivered)
     assert not folder.exists()
