@@ -158,12 +158,14 @@ def has_browser(path: Path) -> bool:
     return path.parent.name == "in_browser" or BROWSER.search(path.read_text(encoding="utf-8")) is not None
 
 
-class OneBrowser(LoadFileScheduling):
-    """Each file's tests on one worker, and those of all files that need a browser on the same one."""
+class FewBrowsers(LoadFileScheduling):
+    """Each file's tests on one worker, those that share a page on one, and those of all other browser files on one."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
-        return "browser" if has_browser(self.config.rootpath / file) else file
+        if not has_browser(self.config.rootpath / file):
+            return file
+        return "shared page" if "in_browser/" in file else "browser"
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -175,7 +177,7 @@ def pytest_xdist_auto_num_workers() -> int:
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     """Share the files out to the workers."""
-    return OneBrowser(config, log)
+    return FewBrowsers(config, log)
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
