@@ -341,7 +341,7 @@ def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     gradient, stiffness = away * diagonal, np.diag(diagonal)
     slopes = np.zeros((101, len(SPECTRUM)))
     slopes[:100, :5], slopes[:100, 5], slopes[100, 5] = -_quadratic(_directions(100)).T, -1.0, 1.0
-    power = np.minimum([1.0] * 100 + [0.0] + slopes @ field.spectrum, 0.0)
+    power = np.minimum(np.append(np.ones(100), 0.0) + slopes @ field.spectrum, 0.0)
     own = slice(5 * N, 5 * N + len(SPECTRUM))
     gradient[own] += NEGATIVE * power @ slopes
     stiffness[own, own] += NEGATIVE * slopes[power < 0].T @ slopes[power < 0]

@@ -32,7 +32,7 @@ class SynchronyRules:
     shortest: float = 2.0
     longest: float = 4.0
     stretches: int = 16  # of the recording, at most: more give the time of a step more exactly
-    fewest: int = 4  # least number of stretches: with three, a line and a step cannot be told apart
+    fewest: int = 4  # least number of stretches: three do not distinguish a line from a step
     references: tuple[float, ...] = (0.5, 0.25, 0.75)  # quantiles of the level at which a reference is sought
     changed: int = 2  # least number of stretches with another delay; the stretch that holds a step may have either
     # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound at 0 dB 19 or more

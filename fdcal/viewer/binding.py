@@ -117,7 +117,7 @@ class Binding:
             try:
                 act(*([client] if of_client else []), value)
             except RuntimeError:
-                if not self.closed:  # a session that is being replaced has no controls any more
+                if not self.closed:  # the controls of a session that is being replaced are gone
                     raise
             self._wake()
 

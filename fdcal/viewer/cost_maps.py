@@ -233,7 +233,12 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     here = maps.interpolate(total, search, request.state.positions[n])
     lowest = min(here, float(total.min()))  # it may lie between lattice points
     shown = above_lowest(run, request, total, lowest)
-    figures, base = (minima, here, lowest), None if shown is total else lowest
+    base = None if shown is total else lowest
+    place = maps.map_positions([np.unravel_index(total.argmin(), total.shape)], search)[0]
+    if base is not None and np.all(np.abs(place - request.state.positions[n][:2]) <= search.step):
+        # A likelihood is far narrower than the lattice: between its points an interpolated cost says nothing.
+        here = lowest
+    figures = minima, here, lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.kind == "basins":
         basins, (place, name) = basins_of(total), place_of_basin(run, request)

@@ -121,6 +121,20 @@ def drawn(snapshot, threads):
     return first(CostMapWorker(snapshot.run, threads), snapshot.map_request, True)
 
 
+def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, threads):
+    """The lattice is wider than the likelihood: at the end of a run an interpolated cost is many nats too high."""
+    solver, problem, scene = solvers.load("robust"), snapshot.run.problem, snapshot.run.scene
+    *_, end = solvers.run(problem, dataclasses.replace(scene.solver, name="robust"), 0)
+    modes = tuple(range(1, len(problem.frequencies[end.modes]) + 1))
+    for away, said in ((0.0, "the estimate is at the lowest place of the map"), (0.3, "above the lowest")):
+        positions = np.array(end.positions)
+        positions[MICROPHONE] += away
+        view = view_of([dataclasses.replace(end, positions=positions)])
+        run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
+        page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
+        assert said in caption(first(CostMapWorker(run, threads), page.map_request, False), run.measurement)
+
+
 def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch, threads):
     """However long that one takes: it is the first that a browser shows."""
     begun, gate = [], threading.Event()

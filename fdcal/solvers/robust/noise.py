@@ -133,7 +133,7 @@ def with_filters(problem: Problem, state: State) -> State:
 
         evidence(sigma) = sum z^2 / (S + sigma^-2) / 2 - log(1 + sigma^2 S) / 2
 
-    In a narrow band, or with few microphones, a delay cannot be told from a phase or a position. Then S is small, and
+    In a narrow band, or with few microphones, a delay looks like a phase or a position. Then S is small, and
     there is no evidence.
     """
     if not objectives.gains_are_free(state) or state.model.delay_sigma > 0:

@@ -49,7 +49,10 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     several, modes = len(request.modes) > 1, request.modes
     what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
     here, lowest = map(drawn.text_of, (drawn.cost_here, drawn.lowest))
-    here += "" if drawn.base is None else " above the lowest"
+    cost = f"cost at the estimate <b>{here}</b>"
+    if drawn.base is not None:
+        at_lowest = drawn.cost_here <= drawn.lowest
+        cost = "the estimate is at the lowest place of the map" if at_lowest else f"{cost} above the lowest"
     what = f"microphone {request.microphone}, {what}"
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
     if found.end is not None and drawn.base is None:
@@ -58,7 +61,7 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
     lowest = f", lowest {lowest}{places}" if request.style.minima and drawn.base is None else ""
     orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
     orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
-    return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"
+    return f"<div style='{html.CARD}'>{what}<br>{cost}{lowest}{orders}</div>"
 
 
 LINEAR, LOG = "Linear", "Logarithmic"
