@@ -28,14 +28,14 @@ from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 from fdcal_bench.scores import read_reference, table
 
-from . import bench_doctor, bench_leave_one_out, bench_planned, bench_takes
+from . import bench_comparison, bench_doctor, bench_leave_one_out, bench_planned
+from .documents import ALL, BLOCK, DOCS, text_of
 from .printed import renewed, run_fdcal
 
 ALONE = True
-DOCS = Path(__file__).parents[1] / "docs"
 STORE = DOCS / "figures.json"
+COMPARED = 7  # rows of `benchmarks comparison` that the documents show
 TIME_LIMIT = 600.0  # s of processor time, so that the verdict does not depend on the machine
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 MARK = re.compile(r"(<!-- figure: ([\w-]+) -->)(.*?)(<!-- /figure -->)", re.DOTALL)
 
 
@@ -94,9 +94,15 @@ def planned() -> str:
     return "\n".join([head, rule, *(line for line in lines if line.startswith("| all"))])
 
 
-def takes() -> str:
-    """What more places of the source bring."""
-    return "\n".join(bench_takes.table())
+@cache
+def compared() -> tuple[str, ...]:
+    """The table of fdcal beside other methods, without the rows of larger arrays and that of the seconds."""
+    return tuple(bench_comparison.run(tuple(range(COMPARED))))[:-1]
+
+
+def comparison_in_short() -> str:
+    """The same table without the verdicts and its last row, for the README."""
+    return "\n".join(re.sub(r"[^|]*\|$", "", line) for line in compared()[:-1])
 
 
 def doctor_table(lines) -> str:
@@ -118,7 +124,7 @@ def printed(commands: str) -> str:
 @cache
 def tutorial() -> list[str]:
     """What the commands of the tutorial print, one after the other, then with two rows of its list exchanged."""
-    code = BLOCK.findall((DOCS / "tutorials" / "first-recording.md").read_text(encoding="utf-8"))
+    code = BLOCK.findall(text_of(DOCS / "tutorials" / "first-recording.md"))
     compare = "fdcal calibrate plate.npz --check --positions layout.csv --known none"
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         exec(next(text for language, text in code if language == "python"), {})
@@ -131,7 +137,7 @@ def tutorial() -> list[str]:
 
 def excerpt(key: str, output: str) -> str:
     """The block `text` of a document that stands between the marks of a key, with the numbers of an output."""
-    found = {mark: value for page in pages() for mark, value in figures_in(page.read_text(encoding="utf-8")).items()}
+    found = {mark: value for page in ALL for mark, value in figures_in(text_of(page)).items()}
     return fenced(renewed(found[key].removeprefix("```text").removesuffix("```"), output).splitlines())
 
 
@@ -164,7 +170,8 @@ MEAN, SIGMA, MILLIMETRES = r"error +mean ([\d.]+) mm", r"one sigma ([\d.]+) mm",
 FIGURES: dict[str, Callable[[], str]] = {
     "bench": bench, "scenes": scenes, "leave-one-out": leave_one_out, "displaced": displaced, "doctor": doctor,
     "planned": planned,
-    "takes": takes,
+    "comparison": lambda: "\n".join(compared()),
+    "comparison-in-short": comparison_in_short,
     "tiny": lambda: one(MEAN, printed(TINY), MILLIMETRES),
     "record": lambda: excerpt("record", printed(RECORD)),
     "doctor-frl": lambda: excerpt("doctor-frl", printed(DOCTOR)),
@@ -178,11 +185,6 @@ FIGURES: dict[str, Callable[[], str]] = {
     "faults": lambda: excerpt("faults", printed("fdcal calibrate array2_faults")),
 }  # fmt: skip
 QUICK = ("bench",)  # which a test computes again
-
-
-def pages() -> list[Path]:
-    """The documents that may hold figures."""
-    return sorted(DOCS.rglob("*.md"))
 
 
 def figures_in(text: str) -> dict[str, str]:
@@ -217,7 +219,7 @@ def run() -> Iterator[str]:
 def write(stored: dict[str, str]) -> None:
     """Write figures into the store and the documents."""
     STORE.write_text(json.dumps(dict(sorted(stored.items())), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    for page in pages():
-        text = page.read_text(encoding="utf-8")
+    for page in ALL:
+        text = text_of(page)
         if MARK.search(text):
             page.write_text(with_figures(text, stored), encoding="utf-8")

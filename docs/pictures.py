@@ -43,14 +43,9 @@ COMMANDS = {
 }
 # pictures that a script of examples/ writes
 EXAMPLES = {"beamforming": "08_beamforming_map.py", "measured-array": "07_measured_array.py"}
-# Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
+# Figures of the reports of studies. A study of 2,000 calibrations takes up to hours. It is run once, continues after an
 # interruption, and its results stay in RESULTS.
-STUDIES = {
-    "study-sixteen-success": ("sixteen", "success"),
-    "study-mismatch-error": ("mismatch", "error"),
-    "study-calibration": ("calibration", "study-calibration"),
-}
-CALIBRATION = "study-calibration"  # the figure of its page, which the same command writes
+STUDIES = {"study-sixteen-success": ("sixteen", "success")}
 RESULTS = ROOT / "build" / "studies"  # ignored by git
 BROWSED = {"page-start": False, "page": True}  # pictures of the page, and whether the run has ended
 
@@ -90,14 +85,13 @@ def browsed(ended: bool, folder: Path) -> None:
 
 
 def studied(study: str, figure: str) -> Path:
-    """Run what a study still lacks, write its report, or its page, and return one of its figures."""
-    folder, page = RESULTS / study, RESULTS / f"{CALIBRATION}.md"
+    """Run what a study still lacks, write its report, and return one of its figures."""
+    folder = RESULTS / study
     resumed = ["--resume"] if folder.is_dir() else []
     run = ["study", str(ROOT / "studies" / f"{study}.toml"), "-o", str(folder), *resumed]
-    report = ["study", "--report", str(folder)]
-    for arguments in (run, report + (["--page", str(page)] if figure == CALIBRATION else [])):
+    for arguments in (run, ["study", "--report", str(folder)]):
         subprocess.run([sys.executable, "-m", "fdcal", *arguments], cwd=ROOT, check=True)
-    return RESULTS / "pictures" / f"{figure}.png" if figure == CALIBRATION else folder / "report" / f"{figure}.png"
+    return folder / "report" / f"{figure}.png"
 
 
 def keep(path: Path, target: Path) -> None:

@@ -174,7 +174,9 @@ def test_the_limits_of_the_checks_are_those_of_the_code(findings, heading):
 def test_the_highest_frequency_of_array_1_is_computed():
     scene = load_scene("array1_circle")
     highest = array_f_max(positions_of(scene), scene.room.sound_speed, scene.room.dimension)
-    stated = re.search(r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "limits.md"))
+    stated = re.search(
+        r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "uncertainty.md")
+    )
     assert [float(stated[1]), float(stated[2])] == [round(highest), scene.room.sound_speed]
 
 
@@ -203,7 +205,7 @@ def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tm
 def test_the_figures_in_the_documents_are_those_that_runs_wrote():
     from benchmarks import bench_documents as documents
 
-    found = {key: value for page in documents.pages() for key, value in documents.figures_in(text_of(page)).items()}
+    found = {key: value for page in ALL for key, value in documents.figures_in(text_of(page)).items()}
     assert found == json.loads(text_of(documents.STORE)), "python -m benchmarks documents writes them"
     assert set(found) == set(documents.FIGURES) and all(found.values())
     for key in documents.QUICK:
