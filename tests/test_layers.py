@@ -148,31 +148,6 @@ def test_assessment_reads_what_every_solver_reports():
         assert inside <= {"interface", "requirements"}, f"{name_of(path)} imports {sorted(inside)}"
 
 
-def test_pictures_are_drawn_of_what_is_passed_in():
-    """Graphics imports no solver and no session, apart from what annotations alone need."""
-    for path in of_packages("graphics"):
-        checked = [one for one in nodes(path) if isinstance(one, ast.If) and "TYPE_CHECKING" in ast.unparse(one.test)]
-        skipped = {id(inner) for node in checked for inner in ast.walk(node)}
-        for node in nodes(path):
-            if isinstance(node, ast.Import | ast.ImportFrom) and id(node) not in skipped:
-                assert not re.search(r"\b(solvers|session)\b", ast.unparse(node)), f"{name_of(path)}:{node.lineno}"
-
-
-READERS = {"open", "read_text", "read_bytes", "loadtxt", "fromfile", "memmap", "genfromtxt"}
-
-
-def test_numerics_read_no_files():
-    for path in of_packages("acoustics", "cost", "solvers"):
-        for node in nodes(path):
-            if isinstance(node, ast.Call):
-                name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-                library = getattr(getattr(node.func, "value", None), "id", "")
-                reads = name in READERS or (
-                    name in ("load", "loads") and library in ("np", "json", "pickle", "tomllib")
-                )
-                assert not reads, f"{name_of(path)}:{node.lineno} reads a file"
-
-
 def test_cost_and_solvers_never_see_the_truth():
     for path in of_packages("cost", "solvers"):
         hidden = {"model.arrays", "model.storage", "acoustics.measure", "acoustics.fdtd"}

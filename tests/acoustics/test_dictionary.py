@@ -23,7 +23,7 @@ from fdcal.acoustics.dictionary import (
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.plane_waves import MAX_FREQUENCY, plane_wave_pressures, plane_wave_responses
 from fdcal.acoustics.spectrum import laplace_transform
-from fdcal.model.room import folder_of, response_names, response_path
+from fdcal.model.room import response_path
 from fdcal.model.scene import load_scene
 from fdcal.model.sdm_response import SdmResponse, load_sdm_response
 from fdcal.model.settings import Search
@@ -183,23 +183,6 @@ def test_rendered_responses_have_the_pressures_as_their_transform(share, accurac
     common = np.vdot(found, expected) / np.vdot(found, found)  # the responses begin at another time
     assert abs(common) == pytest.approx(1, abs=accuracy)
     assert np.linalg.norm(common * found - expected) < accuracy * np.linalg.norm(expected)
-
-
-def test_the_time_before_a_rendered_response_is_a_whole_number_of_samples():
-    """The same for all microphones: the reference at the origin begins at one sample."""
-    rows = plane_wave_responses(waves(1), np.concatenate([PLACES, np.zeros((1, 3))]), C)
-    assert np.count_nonzero(np.abs(rows[-1]) > 1e-12) == 1
-
-
-def test_the_listening_lab_begins_with_its_direct_sound():
-    assert "listening_lab" in response_names()
-    assert "MIT License" in (folder_of("rooms") / "LICENSE.md").read_text(encoding="utf-8")
-    path = response_path("listening_lab")
-    response, stored = load_sdm_response(path), loadmat(path)["p"].ravel()
-    assert np.allclose(np.linalg.norm(response.directions, axis=1), 1)
-    assert np.array_equal(response.amplitudes, stored[-len(response.amplitudes) :])
-    assert abs(response.amplitudes[0]) > 0.1 * np.abs(stored).max()
-    assert response.times[0] == pytest.approx((6000 - len(response.amplitudes)) / 48000)
 
 
 WHOLE = {key: value for key, value in loadmat(response_path("listening_lab")).items() if key[0] != "_"}

@@ -182,12 +182,6 @@ def test_modes_measured_twice_say_nothing_new():
     assert two.dispersion == pytest.approx(2 * one.dispersion, rel=0.25)
 
 
-def test_too_few_modes_for_blocks_leave_the_covariance_of_the_model():
-    few = at(diffuse(np.random.default_rng(2), KNOWN, wavenumbers=np.linspace(1.0, 4.0, 7))).spread
-    assert few.dispersion == 1.0
-    np.testing.assert_array_equal(few.covariance, few.newton)
-
-
 def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
     """Squared error over the claimed variance, and the dispersion, of a line through Gaussian data.
 

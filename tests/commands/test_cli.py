@@ -12,7 +12,6 @@ import pytest
 from PIL import Image
 from running import done, exit_code
 
-from fdcal.assessment.result_file import load_result
 from fdcal.cost.eq7 import ReferenceCost
 from fdcal.graphics.heatmap import PLACE
 from fdcal.model.measurement import load_measurement
@@ -121,14 +120,6 @@ def test_noise_is_estimated_where_none_is_reported_and_where_the_pressures_contr
     assert reported["positions"] == estimated["positions"]
     assert np.abs(np.subtract(stated["positions"], estimated["positions"])).max() < 2e-5
     assert stated["uncertainty_m"] == pytest.approx(estimated["uncertainty_m"], rel=0.05)
-
-
-def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):
-    calibrated("--known", "none", "--solver", "joint")
-    arguments = ("landscape", made / "tiny.npz", "--microphone", "9", "--mode-numbers", "2,3", "--result", "r.json")
-    assert exit_code(*arguments, "-o", "f.png") == 0
-    found = load_result("r.json").positions_for(load_measurement(made / "tiny.npz"))
-    assert np.abs(found - load_measurement(made / "tiny.npz").positions).max() < 5e-3
 
 
 def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):

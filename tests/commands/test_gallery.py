@@ -1,7 +1,6 @@
 """`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
 
 import math
-import os
 import re
 from dataclasses import replace
 
@@ -181,17 +180,6 @@ def test_a_place_that_is_no_folder_is_refused(quick, place, tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_a_folder_that_cannot_be_written_is_said_before_the_work(monkeypatch, tmp_path):
-    def forbidden(*_, **__):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("pathlib.Path.mkdir", forbidden)
-    with pytest.raises(StorageError, match=r"cannot write .*: Permission denied"):
-        with folder_in_progress(tmp_path / "gallery"):
-            pytest.fail("the work has begun")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(
     "fault", [KeyboardInterrupt, InputError("a problem", "a remedy"), OSError(28, "No space left")]
 )
@@ -201,10 +189,3 @@ def test_nothing_half_written_is_left(fault, tmp_path):
             (folder / "a.html").write_text("A", encoding="utf-8")
             raise fault
     assert not list(tmp_path.iterdir())
-
-
-def test_an_empty_folder_is_filled(tmp_path):
-    (tmp_path / "gallery").mkdir()
-    with folder_in_progress(tmp_path / "gallery") as folder:
-        (folder / "a.html").write_text("A", encoding="utf-8")
-    assert os.listdir(tmp_path) == ["gallery"] and os.listdir(tmp_path / "gallery") == ["a.html"]

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -68,11 +67,6 @@ def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
     assert words in errors and errors.strip().count("\n") == 0 and len(errors) < 1000
 
 
-def test_debug_after_two_dashes_is_an_argument():
-    assert cli.without_debug(["a", "--debug", "--", "--debug"]) == (["a", "--", "--debug"], True)
-    assert cli.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
-
-
 def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
     """An extension module turns the interrupt into an ImportError, as some do that load when the command needs them."""
     (tmp_path / "slow.py").write_text(
@@ -122,12 +116,3 @@ def test_standard_output_that_nobody_reads_ends_the_command():
     os.close(writer)
     assert run.returncode == 1
     assert run.stderr == ""
-
-
-def test_little_memory_is_one_line():
-    def limit():
-        resource.setrlimit(resource.RLIMIT_AS, (150 * 2**20,) * 2)
-
-    run = subprocess.run([*FDCAL, "calibrate", "tiny"], preexec_fn=limit, timeout=120, capture_output=True, text=True)
-    assert run.returncode in (0, 1, 3, 4), run.stderr
-    assert "Traceback" not in run.stderr

@@ -9,7 +9,6 @@ from solving import simulated_square
 
 from fdcal.cost.basins import OUTSIDE, basins_of, descent_path, local_minima, merged_basins
 from fdcal.cost.maps import cost_maps, map_positions, minima_of
-from fdcal.cost.scale import on_scale
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.solvers import load, with_mode_count
@@ -148,23 +147,6 @@ def test_descent_down_a_slope_leaves_the_map():
     slope = basins_of(x + 0.3 * y)
     assert (slope.labels == OUTSIDE).all() and slope.outside == 1 and not len(slope.minima)
     assert len(local_minima(np.ones((20, 30)))) == 0, "nor has a level cost a minimum"
-
-
-def test_a_place_has_the_basin_of_the_nearest_point_of_the_lattice():
-    x, y = lattice()
-    basins = basins_of((x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2)
-    left, right = (basins.at(SEARCH, place) for place in ((0.304, 0.1), (0.896, 0.8)))
-    assert {left, right} == {0, 1} and basins.at(SEARCH, (0.1, -0.2)) == OUTSIDE
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_is_no_number_neither_spoils_the_scale_nor_is_a_minimum(bad):
-    cost = 10.0 ** -np.random.default_rng(2).uniform(0, 3, (7, 9))
-    cost[2, 3] = cost.max()
-    spoilt = cost.copy()
-    spoilt[2, 3] = bad
-    np.testing.assert_array_equal(on_scale(spoilt), on_scale(cost))
-    assert on_scale(np.full((2, 2), bad)).tolist() == [[0, 0], [0, 0]]
 
 
 # The path downhill descends at every step, and ends at the local minimum that the map marks in its basin.

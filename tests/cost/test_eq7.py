@@ -24,13 +24,12 @@ from fdcal.cost.eq7 import (
     reference_cost_of,
     require_modes,
     residual,
-    usable_modes,
 )
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.maps import eq7_maps, mode_powers, mode_shape
 from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene import load_scene
-from fdcal.model.validation import InputError, frozen_array
+from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
@@ -78,12 +77,6 @@ def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
     k, p = np.array([0.1]), np.random.default_rng(6).normal(size=(1, 24)) + 0j
     enough, ample = (cost(GUESS, p, k, [order], CENTRE)[0] for order in (8, 11))
     assert ample == pytest.approx(enough, rel=1e-9)
-
-
-def test_weights_make_the_cost_dimensionless():
-    louder = MEASUREMENT.__class__(**{**vars(MEASUREMENT), "pressures": MEASUREMENT.pressures * 17.0})
-    np.testing.assert_allclose(louder.problem().pressures, PROBLEM.pressures)
-    np.testing.assert_allclose(louder.problem("raw").pressures, MEASUREMENT.pressures * 17.0)
 
 
 @pytest.mark.parametrize("known_weight", [0.01, 1.0, 50.0])
@@ -140,12 +133,6 @@ def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(d
     assert len(exactly) < len(more)
 
 
-def test_usable_modes_end_at_the_first_that_is_not_carried():
-    problem = replace(PLANE, wavenumbers=PLANE.wavenumbers[[0, 1, 13, 2]], pressures=PLANE.pressures[:4, :9])
-    assert carried_modes(problem, 2).modes.tolist() == [0, 1, 3]
-    assert usable_modes(problem, 2) == 2
-
-
 # Descent's search over the lattice ends at the candidate where Eq. 7 is least.
 
 
@@ -173,24 +160,6 @@ def test_on_the_lattice_and_off_it_and_where_the_dictionary_has_no_full_rank(n, 
     for positions in (mixed, threes):
         assert_best(positions, n, centre, modes, known_weight)
     assert np.linalg.matrix_rank(LATTICE.dictionary(threes, centre, [8])[0], tol=1e-10) <= 8 < 2 * LATTICE.orders[8] + 1
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_from_positions_anywhere_first_with_few_modes_and_then_with_many(seed):
-    rng = np.random.default_rng(seed)
-    positions = LATTICE.points[rng.choice(len(LATTICE.points), len(GUESS), replace=False)]
-    centre, n = LATTICE.nearest(positions.mean(axis=0)), int(rng.integers(len(GUESS)))
-    for modes in (slice(0, 1), slice(0, 3), slice(2, 10)):
-        assert_best(positions, n, centre, modes, 1000.0)
-
-
-def test_of_equal_candidates_the_first_in_the_lattice_is_taken():
-    """Without any pressure every candidate costs nothing."""
-    silent = replace(PROBLEM, pressures=frozen_array(np.zeros_like(PROBLEM.pressures), complex))
-    centre = LATTICE.nearest(CENTRE)
-    place, least = best_candidate(silent, LATTICE, LATTICE.nearest(GUESS), 7, centre, slice(0, 3), 1.0)
-    assert least == 0.0
-    np.testing.assert_array_equal(place, LATTICE.points[0])
 
 
 def test_modes_that_the_microphones_cannot_carry_are_refused():

@@ -11,11 +11,9 @@ from fdcal.cost.kernels import (
     diffuse_matrices,
     direction_count,
     directions_needed,
-    hermitian_inverses,
     plane_wave_covariance,
     plane_waves,
     wave_directions,
-    weighted_curvature,
 )
 from fdcal.cost.likelihood import FieldModel, field_covariance
 
@@ -78,29 +76,6 @@ def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
 
 
 # Sums and factorisations of many modes at once are those of one mode after the other.
-
-
-@pytest.mark.parametrize("kind", [float, complex])
-def test_a_matrix_that_is_not_positive_definite_is_refused_by_its_mode(kind):
-    C = np.tile(np.eye(5, dtype=kind), (7, 1, 1))
-    C[4] *= -1
-    with pytest.raises(np.linalg.LinAlgError, match="mode 4"):
-        hermitian_inverses(C)
-
-
-def test_the_blocks_that_are_not_computed_are_zero(monkeypatch):
-    """They are added, too, and memory that nobody has written may hold anything."""
-    rng, empty = np.random.default_rng(0), np.empty
-    g, matrices = rng.standard_normal((2, 2, 3, 5)), rng.standard_normal((3, 5, 5))
-
-    def filled(shape, *arguments, **named):
-        made = empty(shape, *arguments, **named)
-        made.fill(np.nan)
-        return made
-
-    monkeypatch.setattr(np, "empty", filled)
-    H = weighted_curvature(g, matrices)
-    assert np.isfinite(H).all() and not H[1, 0].any() and H[0, 1].any()
 
 
 # Plane waves over an array: what they add up to, their slopes, how many are needed.

@@ -141,17 +141,6 @@ def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dim
     assert own == pytest.approx(likelihood_terms(x, p, replace(field, about=x)).cost, rel=1e-12)
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_positions_that_are_not_finite_are_refused(kernel):
-    for D, count in ((3, 9), (2, MANY)):
-        x, p, _ = drawn(D, count)
-        field = assumed(kernel, x, D)
-        y = x.copy()
-        y[4, 1] = np.nan
-        with pytest.raises(np.linalg.LinAlgError):
-            likelihood_terms(y, p, field)
-
-
 # Channels.
 
 

@@ -18,7 +18,6 @@ from fdcal.cost.maps import (
     cost_volume,
     descent_maps,
     eq7_maps,
-    interpolate,
     likelihood_maps,
     map_positions,
     mode_shape,
@@ -135,11 +134,6 @@ def test_cost_maps_without_an_order_are_the_solvers_landscape_on_any_lattice(wav
     np.testing.assert_allclose(fine[:, ::2, ::2], whole[[2, 0]], rtol=1e-9)
 
 
-def test_positions_of_a_volume_s_points():
-    lattice = Search(origin=(1.0, 2.0, 3.0), size=(0.4, 0.3, 0.2), step=0.01)
-    np.testing.assert_allclose(map_positions([[2, 1, 5]], lattice), [[1.05, 2.01, 3.02]])
-
-
 def test_a_layer_of_the_volume_is_the_map_of_that_height_also_with_gains_and_noise_of_the_channels():
     problem, x = case("ball3d")
     search, modes, n = problem.search, (1, 20, 60), np.arange(len(x))
@@ -194,14 +188,6 @@ def test_a_finer_lattice_covers_the_same_cells():
         np.testing.assert_allclose(low, [0.9875, 1.9875], atol=1e-9)
         np.testing.assert_allclose(high, [1.4125, 2.3125], atol=fine.step)
     assert fine.shape[0] == 500 and refined(load_scene("ball3d").search).layer(1.2).shape == (500, 500, 3)
-
-
-def test_a_map_is_read_off_between_its_points():
-    x, y = (o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True))
-    values = 3 * x[None, :] - 2 * y[:, None]
-    for point in [(1.0, 2.0), (1.013, 2.21), (1.4, 2.3)]:
-        assert interpolate(values, SEARCH, point) == pytest.approx(3 * point[0] - 2 * point[1], abs=1e-12)
-    assert interpolate(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
 
 
 def test_the_shape_of_a_mode_is_the_recorded_field(waves):
@@ -278,12 +264,6 @@ def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(
     displaced[3] += away
     assert_same(likelihood_maps(problem, displaced, N, MODES, noise), directly(problem, displaced, noise, AREA))
     np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
-
-
-def test_a_finer_lattice_shows_the_same_surface():
-    problem = replace(MEASURED.problem(), search=AREA)
-    fine, noise = refined(AREA, 45), noise_of(problem, 1e-3)
-    assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise, fine), directly(problem, ROUGH, noise, fine))
 
 
 def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():

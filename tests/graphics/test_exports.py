@@ -10,7 +10,7 @@ from PIL import Image
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
-from fdcal.cost.maps import landscape_panels, panels_of
+from fdcal.cost.maps import landscape_panels
 from fdcal.graphics import exports
 from fdcal.graphics.landscape import draw_landscape, figure_bytes
 from fdcal.model.gauge import position_errors
@@ -84,14 +84,3 @@ def test_figures_as_picture_and_drawing(measured):
     texts = {"".join(node.itertext()) for node in drawing.iter("{http://www.w3.org/2000/svg}text")}
     assert {"a $ and $ <b>", f"mode 5, {problem.frequencies[4]:.1f} Hz", "sum of the 2 modes", "x (m)"} <= texts
     assert len(list(drawing.iter("{http://www.w3.org/2000/svg}image"))) >= 3
-
-
-def test_panels_of_maps_that_exist(measured):
-    _, problem = measured
-    maps = np.random.default_rng(0).uniform(size=(4, 25, 25))
-    panels = panels_of(maps[:3], maps.sum(axis=0), (1, 5, 8), problem.frequencies, 9, problem.search, 4)
-    assert panels.modes.tolist() == [1, 5, 8] and panels.mode_count == 4
-    assert np.array_equal(panels.maps[-1], maps.sum(axis=0)) and np.array_equal(panels.maps[1], maps[1])
-    for cost, found in zip(panels.maps, panels.minima, strict=True):
-        column, row = np.rint((found - problem.search.origin) / problem.search.step).astype(int)
-        assert cost[row, column] == cost.min()

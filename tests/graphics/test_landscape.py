@@ -141,15 +141,6 @@ def test_the_shading_of_a_relief_makes_one_side_of_a_hole_dark_and_leaves_level_
     np.testing.assert_array_equal(shaded(level, np.full((4, 5), 0.2), 0.1), level)
 
 
-def test_a_flat_mark_lies_above_the_slope_that_it_covers():
-    floor = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True)
-    point, radius = np.array([0.8, 0.3]), 0.06
-    height = drape([point], floor, radius)[0, 2]
-    angles = np.linspace(0, 2 * np.pi, 24)
-    rim = point + radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    assert (drape(rim, floor)[:, 2] <= height + 1e-9).all() and height > drape([point], floor)[0, 2]
-
-
 @pytest.mark.parametrize("count", [1, 3, 4, 9])
 def test_no_text_of_the_figure_covers_another(measured, count):
     measurement, problem = measured

@@ -23,7 +23,6 @@ from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
-from fdcal.model.settings import search_around
 
 
 @pytest.fixture(scope="module")
@@ -128,14 +127,6 @@ def test_halos_are_white_wider_and_below(scene, measurement):
         assert halo.colour == HALO and over.colour != HALO
         assert area(halo) > 1.3 * area(over)
         assert halo.vertices[:, 2].max() < over.vertices[:, 2].min()
-
-
-def test_pictures_are_frozen(scene, measurement):
-    drawn = compose(scene, measurement, measurement.positions, 4, cost_floor(np.ones((25, 25)), scene.search, True))
-    arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.meshes] + [drawn.floor.rgb]
-    assert not any(array.flags.writeable for array in arrays)
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        drawn.title = "another"
 
 
 def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
@@ -265,28 +256,6 @@ def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
         assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("known", [0, 4])
-def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
-    rng = np.random.default_rng(dimension)
-    places = rng.uniform(-3, 2, (12, dimension))
-    measured = Measurement(
-        frequencies=np.linspace(100, 300, 4),
-        pressures=np.exp(1j * rng.uniform(0, 6, (4, 12))),
-        sound_speed=343.0,
-        known=np.arange(known),
-        known_positions=places[:known],
-        dimension=dimension,
-        array_dimension=dimension,
-    )
-    search = search_around(np.concatenate([places + 0.2, places[:known]]))
-    drawn = dataclasses.replace(measured, search=search)
-    x0, y0, x1, y1 = compose(None, drawn, places + 0.2).focus
-    for points in (places + 0.2, places[:known]):
-        assert ((points[:, :2] > [x0, y0]) & (points[:, :2] < [x1, y1])).all()
-    assert search_around(places, search) is search
-
-
 FOCUS, RADIUS, TEXT = (0.0, 0.0, 1.0, 1.0), 0.0125, "microphone 12"
 
 
@@ -309,16 +278,6 @@ def test_a_name_stays_inside_the_picture_and_off_its_microphone(place):
     box = box_of(*name_place(TEXT, place, [], FOCUS, RADIUS))
     assert box[0] >= 0 and box[1] >= 0 and box[2] <= 1 and box[3] <= 1
     assert not covered((box[0] - RADIUS, box[1] - RADIUS, box[2] + RADIUS, box[3] + RADIUS), [place])
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_name_covers_no_mark_where_one_side_is_free(seed):
-    marks = np.random.default_rng(seed).uniform(0, 1, (25, 2))
-    place = (0.5, 0.5)
-    chosen = covered(box_of(*name_place(TEXT, place, marks, FOCUS, RADIUS)), marks)
-    assert chosen <= covered(box_of((0.5 + 3.2 * RADIUS, 0.5), "center-left"), marks)
-    ring = [(0.5 + 0.1 * np.cos(a), 0.5 + 0.1 * np.sin(a)) for a in np.linspace(-2.2, 2.2, 30)]  # open on the left
-    assert not covered(box_of(*name_place(TEXT, place, ring, FOCUS, RADIUS)), ring)
 
 
 def test_areas_of_markers():

@@ -160,15 +160,3 @@ def test_what_a_hill_of_the_relief_hides_is_known(page):
         page.wait_for_function("() => replay.map")
         counts.append(page.evaluate(hidden))
     assert counts[0] == counts[1] == 0 < counts[2], counts
-
-
-def test_an_address_is_read_although_the_page_writes_the_one_before_over_it(page):
-    """The page writes its address a moment after a change: a new address may be given in between."""
-    overwritten = f"""() => new Promise(read => {{
-        addEventListener("hashchange", read, {{once: true}});
-        const before = location.hash;
-        location.hash = "step=0&microphone={MICROPHONE}&modes=5&view=top";
-        history.replaceState(null, "", before);
-    }})"""
-    page.evaluate(overwritten)
-    wait_for(page, "replay.map?.indices.length == 1 && location.hash.includes('modes=5')")

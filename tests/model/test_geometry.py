@@ -15,7 +15,6 @@ from fdcal.model.arrays import (
     WALL_DISTANCE_M,
     ball,
     circle,
-    geometry,
     hull_meets,
     in_polygon,
     positions_3d,
@@ -28,7 +27,7 @@ from fdcal.model.arrays import (
 from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.room import Room
 from fdcal.model.scene import Array, Gauge, load_scene
-from fdcal.model.settings import CELLS, Search, Sensing, search_around
+from fdcal.model.settings import CELLS, Sensing, search_around
 from fdcal.model.validation import InputError, length_text
 from fdcal.solvers import load, with_mode_count
 
@@ -180,14 +179,6 @@ def test_a_ball_is_filled_evenly():
     assert np.array_equal(points, ball(4000, 0.5, np.random.default_rng(0)))
 
 
-def test_a_box_is_filled_and_a_plane_is_a_lattice():
-    points = geometry(Array("box", count=500, size=(1.0, 0.5, 0.2)), np.random.default_rng(0))
-    np.testing.assert_allclose(np.ptp(points, axis=0), (1.0, 0.5, 0.2), rtol=0.02)
-    assert np.all(np.abs(points) <= [0.5, 0.25, 0.1])
-    flat = geometry(Array("plane", shape=(2, 2), size=(1.0, 0.4), center=(0, 0, 0.3)), np.random.default_rng(0))
-    np.testing.assert_allclose(flat, [[-0.5, -0.2, 0.3], [0.5, -0.2, 0.3], [-0.5, 0.2, 0.3], [0.5, 0.2, 0.3]])
-
-
 @pytest.mark.parametrize("name", ["ball3d", "plane3d"])
 def test_the_measurement_is_the_field_at_the_microphones(name):
     scene = load_scene(name)
@@ -218,19 +209,6 @@ def shipped(request):
     """A scene that ships and its measurement."""
     scene = load_scene(request.param)
     return scene, cached_measurement(scene)
-
-
-def test_the_map_of_one_microphone_is_lowest_at_its_place_in_its_own_layer(shipped):
-    scene, measurement = shipped
-    solver, problem = load(scene.solver.name), measurement.problem()
-    state = solver.init(problem, with_mode_count(problem, scene.solver), 0)
-    there = dataclasses.replace(state, positions=measurement.positions)
-    for n in (1, 40):
-        cost = solver.landscape(problem, there, n, slice(0, 40)).sum(axis=0)
-        layer = scene.search.layer(measurement.positions[n, -1])
-        assert cost.shape == scene.search.shape[1::-1] == layer.shape[:2]
-        lowest = layer.reshape(-1, layer.shape[2])[cost.argmin()]
-        assert np.linalg.norm(lowest - measurement.positions[n]) < scene.search.step
 
 
 def test_the_figure_of_the_paper_refuses_a_field_in_space_and_its_solver_a_plane_array_there(shipped):
@@ -341,15 +319,3 @@ def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
 )
 def test_lengths_have_no_exponent(length, digits, text):
     assert length_text(length, digits) == text
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_the_nearest_candidate_of_a_place_inside_or_outside_the_domain(dimension):
-    search = Search((1.0, -0.5, 0.2)[:dimension], (0.6, 0.4, 0.2)[:dimension], step=0.1)
-    axes = np.meshgrid(*[o + 0.1 * np.arange(n) for o, n in zip(search.origin, search.shape, strict=True)])
-    candidates = np.stack([axis.ravel() for axis in axes], axis=1)
-    places = np.random.default_rng(0).uniform(-1.5, 2.5, (200, dimension))
-    nearest = search.nearest(places)
-    least = np.linalg.norm(places[:, None] - candidates, axis=2).min(axis=1)
-    np.testing.assert_allclose(np.linalg.norm(places - nearest, axis=1), least, atol=1e-12)
-    assert np.abs(nearest[:, None] - candidates).max(axis=2).min(axis=1).max() < 1e-12  # each is a candidate

@@ -11,7 +11,6 @@ from fdcal.acoustics.measure import cached_measurement, load_cached_measurement,
 from fdcal.model.arrays import positions_of
 from fdcal.model.room import folder_of, response_path
 from fdcal.model.scene import MeasuredScene, load_scene, no_rectangle
-from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
 
@@ -21,33 +20,6 @@ def assert_refused(words, read, *arguments):
         read(*arguments)
     message = str(caught.value)
     assert "\n" not in message and [word for word in words if word not in message] == [], message
-
-
-@pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
-def test_scene_is_consistent(name):
-    scene = load_scene(name)
-    positions = positions_of(scene)
-    lattice = (positions - scene.search.origin) / scene.search.step
-    assert np.allclose(lattice, np.round(lattice), atol=1e-9), "the truth must be one of the candidates"
-    k = 2 * np.pi * scene.measurement.highest / scene.room.sound_speed
-    order = np.ceil(k * scene.search.radius) + scene.solver.order_offset
-    assert 2 * order + 1 <= len(positions) - 1, "one microphone is left out while it is searched for"
-    centre = positions.mean(axis=0)
-    assert np.linalg.norm(positions - centre, axis=1).max() <= scene.search.radius
-
-
-@pytest.mark.parametrize(("name", "dimension", "count"), [("ball3d", 3, 64), ("plane3d", 2, 121)])
-def test_scene_in_space_is_consistent(name, dimension, count):
-    scene = load_scene(name)
-    assert scene.room.dimension == 3 and (scene.room.cell, scene.source.low, scene.source.sample_rate) == (None,) * 3
-    positions = positions_of(scene)
-    assert positions.shape == (count, dimension)
-    low, size = np.array(scene.search.origin), np.array(scene.search.size)
-    assert np.all(positions > low) and np.all(positions < low + size)
-    known = positions[list(scene.gauge.indices(count))]
-    assert len(known) == 4
-    spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
-    assert spread[-1] > 0.3, "the known microphones are far apart in every direction"
 
 
 def test_name_and_path_give_the_same_scene(edited):
@@ -215,13 +187,6 @@ def test_what_is_no_scene_is_refused_in_one_line(tmp_path, monkeypatch, name, wo
     assert isinstance(caught.value, StorageError) or name != "gone.toml"
 
 
-def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
-    flat, deep = Search((1, 2), (0.2, 0.1), 0.1), Search((1, 2, 3), (0.2, 0.1, 0.4), 0.1)
-    np.testing.assert_allclose(flat.layer(), [[[1, 2], [1.1, 2], [1.2, 2]], [[1, 2.1], [1.1, 2.1], [1.2, 2.1]]])
-    np.testing.assert_allclose(deep.layer(3.14)[..., :2], flat.layer())
-    assert np.all(deep.layer(3.14)[..., 2] == 3.14)
-
-
 def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
     scene, path = load_scene("frl_array"), tmp_path / "mine.toml"
     assert isinstance(scene, MeasuredScene) and scene.title == "Measured: 7 microphones in a laboratory"
@@ -237,13 +202,6 @@ def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
     path.write_text('measurement = "hall.npz"\nremark = 1\n')
     with pytest.raises(InputError, match="remark = 1 must be a text"):
         load_scene(path)
-
-
-def test_the_measurements_that_come_with_fdcal_are_small_and_have_a_notice():
-    files = list(folder_of("scenes").glob("*.npz"))
-    assert files and sum(file.stat().st_size for file in files) < 300_000
-    notice = (folder_of("scenes") / "LICENSE.md").read_text()
-    assert all(file.name in notice for file in files) and "CC BY 4.0" in notice
 
 
 @pytest.mark.parametrize("room", ['room = "listening_lab"', '[room]\nresponse = "listening_lab"'])

@@ -272,16 +272,6 @@ def test_a_cache_that_cannot_be_written_stops_nothing(tiny, tmp_path, monkeypatc
     assert len(caplog.records) == 1 and "nothing is stored" in caplog.text
 
 
-def test_ctrl_c_leaves_no_file(tiny, folder):
-    def interrupt(done):
-        if done > 0.5:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        cached_measurement(tiny, interrupt)
-    assert not folder.exists() or not list(folder.iterdir())
-
-
 def test_the_least_recently_used_files_are_deleted(tiny, folder, monkeypatch):
     folder.mkdir()
     for age, name in enumerate("abcd"):

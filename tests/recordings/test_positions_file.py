@@ -4,7 +4,6 @@ import csv
 import json
 import re
 import zipfile
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +12,7 @@ from recorded import write_places
 from running import exit_code
 
 import fdcal
-from fdcal.commands import report
-from fdcal.recordings.formats import sound_files
 from fdcal.recordings.formats.positions import read_places, read_positions
-from fdcal.session.calibration_run import solve
-from fdcal.session.sources import load_input
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -48,48 +43,6 @@ def test_a_geometry_of_acoular_is_read(tmp_path):
 def test_microphones_without_names_of_their_own_are_numbered(tmp_path, names):
     text = ACOULAR.replace("Point 1", names[0]).replace("Point 2", names[1])
     assert read_positions(written(tmp_path, text)).names == ("0", "1")
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "problem"),
-    [
-        ("-1e-1", "left", 'microphone 1: x = "left" is not a number'),
-        ("-1e-1", "nan", 'microphone 1: x = "nan" is not a number'),
-        ("-1e-1", "1_0", 'microphone 1: x = "1_0" is not a number'),
-        ("-1e-1", "[" * 3000, 'x = "[['),
-        ('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"', "not valid XML"),
-        ('y="-0.2"', "", 'microphone 1: y = "" is not a number'),
-        ('y="', 'v="', "no column of"),
-        (' x="', ' u="', "no column of"),
-        ("<pos", "<!-- <pos", "not valid XML"),
-        ("</MicArray>", "", "not valid XML"),
-        ('encoding="utf-8"', 'encoding="nosuch"', "not valid XML"),
-    ],
-)
-def test_a_broken_geometry_is_refused(tmp_path, old, new, problem):
-    with pytest.raises(fdcal.InputError) as caught:
-        read_positions(written(tmp_path, ACOULAR.replace(old, new)))
-    assert problem in str(caught.value) and len(str(caught.value)) < 1000 + len(str(tmp_path))
-
-
-@pytest.mark.parametrize("cell", ["1_0", "1_0.5", "٣", "nan", "inf", "1e400", "0x10", ""])
-def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
-    with pytest.raises(fdcal.InputError, match="line 3"):
-        read_places(written(tmp_path, f"name,x,y\na,1,2\nb,{cell},3\n", "k.csv"))
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("", "must begin with the line name,x,y"),
-        ("name,x,y\na,1\n", "line 2"),
-        ("name,x,y\na,1,2\na,3,4\n", "twice"),
-        ("name,x,y,elevation\na,0,0,1.5\nb,1,0,1.5\n", 'column "elevation" of numbers is not understood; call a third'),
-    ],
-)
-def test_a_table_that_is_none_is_refused(text, words, tmp_path):
-    with pytest.raises(fdcal.InputError, match=words):
-        read_places(written(tmp_path, text, "k.csv"))
 
 
 PLACES = [[0.25, 0.5, 1.0], [0.75, -0.125, -1.5]]
@@ -191,9 +144,27 @@ def _cell(where: str, text: str) -> str:
     return f'<c r="{where}"{" t=" + chr(34) + "s" + chr(34) if text[0] == "s" else ""}><v>{text.lstrip("s")}</v></c>'
 
 
+def geometry(old: str, new: str) -> str:
+    return ACOULAR.replace(old, new)
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
+        ("t.xml", geometry("-1e-1", "left"), 'microphone 1: x = "left" is not a number'),
+        ("t.xml", geometry("-1e-1", "[" * 3000), r'x = "\[\['),
+        ("t.xml", geometry('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"'), "not valid XML"),
+        ("t.xml", geometry('y="-0.2"', ""), 'microphone 1: y = "" is not a number'),
+        ("t.xml", geometry(' x="', ' u="'), "no column of"),
+        ("t.xml", geometry("</MicArray>", ""), "not valid XML"),
+        # what only Python takes for a number
+        *(
+            ("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3")
+            for cell in ("1_0", "٣", "nan", "inf", "1e400", "0x1", "")
+        ),
+        ("t.csv", "", "must begin with the line name,x,y"),
+        ("t.csv", "name,x,y\na,1\n", "line 2"),
+        ("t.csv", "name,x,y\na,1,2\na,3,4\n", "twice"),
         ("t.csv", "name,x,y\na,0,5,0,34\n", "line 2: 'a,0,5,0,34' has more cells than the header; separate cells by"),
         ("t.csv", "0,1,2\n1,2,3\n", "first column may be numbers of microphones or x; begin with"),
         ("t.csv", "a,1,2,3,4\n", "has 5 columns and no line that names them"),
@@ -221,7 +192,8 @@ def _cell(where: str, text: str) -> str:
 def test_ambiguous_positions_are_asked_about_in_one_line(tmp_path, name, text, words):
     with pytest.raises(fdcal.InputError, match=words) as caught:
         read_places(written(tmp_path, text, name))
-    assert str(caught.value).startswith(str(tmp_path)) and "; " in str(caught.value) and "\n" not in str(caught.value)
+    said = str(caught.value).removeprefix(str(tmp_path))
+    assert said.startswith("/t.") and "; " in said and "\n" not in said and len(said) < 1000
 
 
 @pytest.fixture
@@ -287,18 +259,6 @@ def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its
     assert sum(word in line for line in lines for word in ("too large", "its place")) <= 1
 
 
-def test_the_size_of_an_array_that_is_not_to_be_trusted_accuses_no_list():
-    """One of 16 microphones in a living room was found 29 % too large."""
-    inputs = load_input("tiny")
-    inputs = replace(inputs, settings=replace(inputs.settings, known="none"))
-    found = solve(inputs)
-    for verdict, scale, said in (("good", 1 / 1.29, "times as large"), ("model_mismatch", 1.0, "that of the list")):
-        larger = replace(found, positions=1.29 * found.positions, verdict=verdict)
-        check = report.comparison(inputs, larger)
-        assert check.scale == pytest.approx(scale, rel=0.02)
-        assert said in report.comparison_text(inputs, larger, check, None)
-
-
 def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_never_given_to_the_solver(exchanged):
     measurement = fdcal.load("tiny", positions=exchanged)
     found, plain = fdcal.calibrate(measurement), fdcal.calibrate(fdcal.load("tiny"))
@@ -361,9 +321,3 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
     assert (abs(spread[0, 1]) < 1e-9 * spread.max() and spread[0, 0] >= spread[1, 1]) == (known == "none")
     traces = np.trace(found.covariance, axis1=1, axis2=2)
     np.testing.assert_allclose(np.sqrt(traces), found.uncertainty, rtol=1e-9)
-
-
-def test_a_track_without_a_number_stands_first_in_its_folder(tmp_path):
-    for name in ("Audio Track-10.wav", "Audio Track-2.wav", "Audio Track.wav"):
-        (tmp_path / name).touch()
-    assert [one.name for one in sound_files(tmp_path)] == ["Audio Track.wav", "Audio Track-2.wav", "Audio Track-10.wav"]

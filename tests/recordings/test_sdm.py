@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from running import exit_code
 from scipy.io import loadmat, savemat
 
 from fdcal.model.room import response_path
@@ -10,19 +9,6 @@ from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
 
 ROOM = str(response_path("listening_lab"))
-
-
-def test_a_response_that_wraps_round_or_is_none_is_refused_and_a_measured_room_is_no_recording(tmp_path, capsys):
-    table = {key: value for key, value in loadmat(ROOM).items() if key[0] != "_"}
-    path = tmp_path / "wrapped.mat"
-    savemat(path, table | {key: np.roll(table[key], -100) for key in ("p", "azi_rad", "ele_rad")})
-    with pytest.raises(InputError, match="wraps round"):
-        load_sdm_response(path)
-    path.write_text("name,x,y\n")
-    with pytest.raises(InputError, match=r"wrapped\.mat"):
-        load_sdm_response(path)
-    assert exit_code("calibrate", ROOM) == 2
-    assert "name it as the room of a scene" in capsys.readouterr().err
 
 
 @pytest.fixture

@@ -156,15 +156,6 @@ def test_a_replay_gives_the_file_and_its_channels_are_judged_as_an_import_judges
     assert len(take.replayed(tmp_path / "from.wav", 2).names) == 2
 
 
-def test_the_next_take_has_the_next_number_that_no_take_has(tmp_path):
-    for this, following in (("take1.wav", "take2.wav"), ("a/t09.w64", "a/t10.w64"), ("hall.wav", "hall2.wav")):
-        assert take.next_take(tmp_path / this) == tmp_path / following
-    (tmp_path / "take2.w64").touch()
-    (tmp_path / "take3.wav").touch()
-    for suffix in (".wav", ".w64"):
-        assert take.next_take(tmp_path / f"take1{suffix}") == tmp_path / f"take4{suffix}"
-
-
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [

@@ -61,12 +61,6 @@ def test_there_are_none_of_a_plate_many_channels_or_a_recording_that_is_too_shor
     assert windows_of(noise(count, seconds), **options) is None
 
 
-@pytest.mark.parametrize("rate", [150, 210, 400])
-def test_there_are_none_of_a_recording_that_holds_low_frequencies_alone(rate):
-    recording = recording_of("x", "stationary", rate, noise()[:, : 4 * rate])
-    assert short_windows(recording, "stationary", ImportOptions()) is None
-
-
 @pytest.mark.parametrize("text", ["high", "100", "3000:200", "100:9000", "0:500"])
 def test_a_band_that_is_none_is_refused_with_the_option(text):
     with pytest.raises(InputError) as refused:

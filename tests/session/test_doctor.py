@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 import soundfile
 
 import fdcal
-from fdcal.assessment.calibration import FAULTS
 from fdcal.assessment.position_check import compare_positions
 from fdcal.commands import report
 from fdcal.commands.cli import main
@@ -155,8 +153,3 @@ def test_responses_that_wrap_round_end_the_examination(tmp_path, capsys):
     assert ended.value.code == 4
     assert any(line.startswith("samples") and "4: silent" in line for line in lines)
     assert lines[-1].startswith("wrapped      fault") and "wraps round" in lines[-1]
-
-
-def test_every_kind_of_fault_belongs_to_a_question_of_the_report():
-    questions = re.findall(r"^(\w+)  ", doctor.__doc__, re.MULTILINE)
-    assert {one.question for one in FAULTS.values()} == set(questions)

@@ -5,8 +5,6 @@ from dataclasses import replace
 import pytest
 from running import exit_code
 
-from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import lesson as lessons
 from fdcal.session.lesson import LessonSetting, lesson_names, load_lesson
@@ -48,16 +46,6 @@ def test_the_right_answers_stand_in_varying_places():
     asked = [[step.answer for step in load_lesson(name).steps if step.question] for name in lesson_names()]
     every, first = [answer for answers in asked for answer in answers], [answers[0] for answers in asked]
     assert all(0.25 <= every.count(place) / len(every) <= 0.4 and first.count(place) <= 3 for place in (1, 2, 3))
-
-
-@pytest.mark.parametrize("name", lesson_names())
-def test_a_built_in_lesson_is_plain_text_that_asks_something_and_says_nothing_twice(name):
-    lesson = load_lesson(name)
-    assert lesson.name == name and all(step.text for step in lesson.steps)
-    assert any(step.question for step in lesson.steps)
-    for step in lesson.steps:
-        assert "`" not in step.text + step.question + step.reveal + "".join(step.choices)
-        assert not any(" ".join(step.reveal.split()).startswith(f"{choice}. ") for choice in step.choices)
 
 
 def test_a_lesson_is_read_as_written(written):
@@ -158,14 +146,3 @@ def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(writt
         assert exit_code("view", "--lesson", str(name), "--no-browser") == code
         error = capsys.readouterr().err
         assert words in error and error.count("\n") == 1
-
-
-def test_a_lesson_states_the_error_of_its_scene():
-    """Its first number alone; `python -m benchmarks documents` compares all numbers of all lessons."""
-    lesson = load_lesson("3_too_many_too_soon")
-    scene, seed = lesson.start(0)
-    measurement, descent = cached_measurement(scene), solvers.load("descent")
-    problem = measurement.problem(scene.solver.weights)
-    begun = measurement.errors(descent.init(problem, scene.solver, seed).positions)[problem.free].mean()
-    assert begun == pytest.approx(0.224, abs=0.005)
-    assert "22 cm from their true positions" in " ".join(step.text for step in lesson.steps)

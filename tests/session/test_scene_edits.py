@@ -10,7 +10,7 @@ from fdcal.model.arrays import positions_of
 from fdcal.model.gauge import fixes_gauge
 from fdcal.model.scene import MeasuredScene, load_scene, scene_names
 from fdcal.model.validation import InputError, build
-from fdcal.session.scene_edits import edited, parameters_of, spread_out, table_of, with_parameters
+from fdcal.session.scene_edits import edited, parameters_of, table_of, with_parameters
 from fdcal.session.sources import OpenRequest
 
 SIMULATED = [name for name in scene_names() if not isinstance(load_scene(name), MeasuredScene)]
@@ -73,13 +73,6 @@ def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name
     square = load_scene("fig1_square")
     changed = with_parameters(square, dataclasses.replace(parameters_of(square), microphones=30, known=3))
     assert changed.array.shape == (5, 5) and parameters_of(changed).microphones == 25, "the nearest number of rows"
-
-
-def test_known_ones_are_far_apart():
-    points = np.random.default_rng(1).uniform(size=(40, 2))
-    chosen = spread_out(points, 4)
-    apart = min(np.linalg.norm(points[a] - points[b]) for a in chosen for b in chosen if a < b)
-    assert len(set(chosen)) == 4 and apart > 0.5 and chosen == tuple(sorted(chosen))
 
 
 def test_a_wrong_sound_speed_scales_the_wavenumbers_and_no_pressure():

@@ -16,7 +16,6 @@ from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import interface as bounds
-from fdcal.solvers import room
 from fdcal.solvers.robust import channels
 from fdcal.solvers.robust.objective import in_unit_power
 
@@ -133,15 +132,6 @@ def test_the_limit_is_kept_to_a_step_or_trial_and_the_last_state_is_the_answer(m
     np.testing.assert_allclose(result.positions, first + 1e-3 * moved, atol=1e-12)
 
 
-def test_an_interrupt_gives_the_best_so_far():
-    def interrupt(done, note):
-        if "sweep 3" in note:
-            raise KeyboardInterrupt
-
-    result = solve(inputs_of(diffuse()), interrupt)
-    assert result.verdict == "not_converged" and "interrupted" in result.verdict_text
-
-
 def test_a_limit_that_passes_before_there_are_positions_is_refused():
     readings = itertools.count(0.0, 1.0)  # of a clock: the start looks at it more than twice
     with pytest.raises(InputError, match=r"2 s of processor time were used up before.*time_limit"):
@@ -217,21 +207,6 @@ def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver)
     assert clock.count == 42  # the first, and the first reading past the limit: nothing goes on after that
     assert result.verdict == "not_converged" and not result.converged and "40 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)
-
-
-def test_the_lattice_searches_of_solver_room_look_at_the_deadline():
-    problem = absurd("noise").problem()
-    x, noise = np.random.default_rng(0).uniform(0.5, 2.0, (COUNT, 2)), np.full(MODES, 0.01)
-    p, k, walls = problem.pressures, problem.wavenumbers, np.array([0.3, 0.3, 0.0, 0.0])
-    for one_search in (
-        lambda: room.find_arrays(p, noise, k, SIZE),
-        lambda: room.find_sources(x, p, k, SIZE),
-        lambda: room.relocate(x, walls, p, k, SIZE),
-    ):
-        clock = Readings()
-        with deadline(2.0, clock), pytest.raises(OutOfTime):
-            one_search()
-        assert clock.count == 3
 
 
 def test_a_deadline_holds_in_its_own_thread_and_context_only():

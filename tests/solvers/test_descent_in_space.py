@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from solving import run_from
 
-from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError, frozen_array
-from fdcal.session.calibration_run import solve
-from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import descent as descent
 
 STEP, COUNT = 0.04, 30
@@ -88,35 +85,12 @@ def test_the_step_is_the_lowest_candidate_of_the_whole_lattice():
         np.testing.assert_allclose(offset.sum(axis=0).ravel(), every[layer], rtol=1e-6)
 
 
-def test_the_dictionary_spans_the_space_of_the_closed_form():
-    lattice, centre = space_lattice(PROBLEM, 1), TRUTH.mean(axis=0)
-    for mode, W in zip((0, 4), lattice.dictionary(TRUTH, centre, (0, 4)), strict=True):
-        L = int(lattice.orders[mode])
-        expected = spherical_bessel(TRUTH, complex(PROBLEM.wavenumbers[mode]), L, centre)
-        assert W.shape == expected.shape
-        Q, _ = np.linalg.qr(W)
-        np.testing.assert_allclose(Q @ (Q.conj().T @ expected), expected, atol=1e-9 * np.abs(expected).max())
-
-
 def test_the_map_of_the_solver_is_of_the_layer_of_the_microphone_at_any_fineness():
     state, n = dataclasses.replace(near(PROBLEM, TRUTH, 0.03), last=6), 28
     coarse = cost_maps(PROBLEM, descent, state, n, (2, 5), None)
     fine = cost_maps(PROBLEM, descent, state, n, (2, 5), None, refined(SEARCH, 105))
     assert coarse.shape == (2, 21, 21) and fine.shape == (2, 105, 105)
     np.testing.assert_allclose(fine[:, 2::5, 2::5], coarse, rtol=1e-6)
-
-
-def test_a_calibration_in_space_ends_at_its_deadline_with_the_best_positions_so_far():
-    measurement = Measurement(
-        frequencies=PROBLEM.frequencies, pressures=PROBLEM.pressures, sound_speed=343.0, positions=TRUTH,
-        known=np.arange(5), known_positions=TRUTH[:5], search=SEARCH, dimension=3,
-    )  # fmt: skip
-    inputs = CalibrationInput("test", None, measurement, SETTINGS, 0, time_limit=15.0)
-    readings = itertools.count()
-    result = solve(inputs, clock=lambda: float(next(readings)))
-    assert next(readings) == 17, "the start, and the first reading past the limit: nothing goes on after that"
-    assert result.verdict == "not_converged" and "15 s" in result.verdict_text
-    assert result.positions.shape == TRUTH.shape and np.isfinite(result.positions).all()
 
 
 def test_what_the_microphones_cannot_carry_or_fix_is_refused():

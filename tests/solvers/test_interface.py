@@ -10,7 +10,7 @@ from fields import measured
 from solving import run_from
 
 from fdcal import solvers
-from fdcal.model.settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent, joint
 from fdcal.solvers.interface import RunState, Traits
@@ -26,10 +26,6 @@ def test_a_solver_has_the_functions_and_traits_of_the_protocol_and_frozen_run_st
     assert issubclass(State, RunState) and State.solver == name
     assert State.__dataclass_params__.frozen
     assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
-
-
-def test_the_model_and_the_solvers_agree_on_who_needs_the_room():
-    assert tuple(name for name in solvers.names() if solvers.load(name).TRAITS.needs_room) == KNOWN_ROOM_SOLVERS
 
 
 def test_the_seed_matters_where_a_solver_draws():

@@ -175,19 +175,6 @@ def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
 
-def test_work_submitted_while_the_interpreter_ends_is_still_done(monkeypatch):
-    ended = ThreadPoolExecutor(1)
-    ended.shutdown()
-    monkeypatch.setattr(compiled, "_pool", lambda: ended)
-    assert list(compiled.parallel_map(lambda x: x + 1, iter(range(5)))) == [1, 2, 3, 4, 5]
-    with pytest.raises(RuntimeError, match="own"):
-        list(compiled.parallel_map(fails, range(2)))
-
-
-def fails(_):
-    raise RuntimeError("its own")
-
-
 def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     problem, settings = measured(TRUTH, KNOWN).problem(), replace(SETTINGS, start="random")
     one, again, other = (joint.init(problem, settings, seed) for seed in (0, 0, 1))

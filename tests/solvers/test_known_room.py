@@ -2,7 +2,6 @@
 
 import json
 import re
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,6 @@ from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput, with_settings
 from fdcal.solvers import room
-from fdcal.solvers.room import exact
 
 TRUTH = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
 SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24
@@ -154,12 +152,3 @@ def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
     whole = room.landscape(problem, state, 2, slice(4, 5))[0]
     np.testing.assert_allclose(cost_maps(problem, room, state, 2, (5,), None, coarse)[0], whole)
     assert cost_maps(problem, room, state, 2, (5,), None, finer)[0].shape > whole.shape
-
-
-def test_positions_far_outside_of_an_absorbing_room_are_judged_without_a_warning():
-    p = np.ones((2, 3), complex)
-    theta = np.concatenate([np.full(6, 100.0), [1.0, 1.0], [50.0, 50.0]])
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        found = exact(theta, p, np.full(2, 1e-3), np.array([1.0 - 0.1j, 2.0 - 0.1j]), np.array([3.0, 2.0]))
-    assert found.residual.shape == p.shape

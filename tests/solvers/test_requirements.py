@@ -12,8 +12,8 @@ from fdcal.model.scene import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
 from fdcal.model.validation import LIMITS
 from fdcal.session.scene_edits import edited, table_of
-from fdcal.session.sources import load_input, measurement_input, with_settings
-from fdcal.solvers import load, run
+from fdcal.session.sources import measurement_input, with_settings
+from fdcal.solvers import load
 from fdcal.solvers.requirements import highest_frequency, mode_count
 
 # Scenes with a number of modes of their own.
@@ -80,20 +80,8 @@ def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):
     assert mode_count(found.problem(), 36) == 25
 
 
-def test_a_calibration_from_python_uses_all_modes():
-    found = fdcal.load("tiny")
-    assert len(fdcal.calibrate(found, modes=12).frequencies) == 12
-    assert next(run(found.problem(), SolverSettings(), 0)).last == len(found.frequencies)
-
-
 @pytest.mark.parametrize("name", [name for name in scene_names() if name not in PAPER])
 def test_a_scene_without_a_number_of_modes_uses_all(name):
     scene = load_scene(name)
     assert scene.solver.modes == ALL_MODES
     assert "modes" not in table_of(scene)["solver"] and edited(scene, {}) == scene, "no number is made up"
-
-
-@pytest.mark.parametrize("name", sorted(PAPER))
-def test_scenes_of_the_paper_and_of_the_lessons_state_their_number(name):
-    assert load_input("tiny").settings.modes == 20
-    assert load_scene(name).solver.modes in (20, 57)

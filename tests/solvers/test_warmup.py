@@ -14,7 +14,6 @@ from fdcal.commands import cli
 from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement import save_measurement
 from fdcal.model.scene import load_scene
-from fdcal.solvers import warmup_calls
 from fdcal.viewer import prepare as warmup
 from fdcal.viewer.prepare import Warmup
 
@@ -83,15 +82,6 @@ def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
 
 def test_nothing_is_compiled_after_its_warmup():
     assert run(SEARCH) == "True True []"
-
-
-def test_every_piece_has_a_name_and_can_be_done():
-    names = [name for name, _ in all_pieces()]
-    assert len(set(names)) == len(names) and all(names)
-    for solver in ("descent", "joint"):
-        for piece in warmup_calls(solver):
-            assert piece in all_pieces()
-            piece[1]()
 
 
 def test_a_warmup_reports_its_progress_and_ends(monkeypatch):

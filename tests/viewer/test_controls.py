@@ -10,14 +10,12 @@ import pytest
 from doubles import CallRecorder, State, finish, set_by_client, view_of
 from viser import _messages
 
-from fdcal.assessment.words import state_word
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest, scene_request
-from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import MAP_KINDS, CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
@@ -84,16 +82,6 @@ def test_values_set_by_the_program_are_no_commands_and_the_mode_sliders_never_cr
     assert "2 modes are too few; use at least 3" in panel.solver.refusal.content and panel.solver.last.value == 3
     panel.solver.show(PageState(session.view))
     assert panel.solver.refusal.content == "", "the slider has gone back"
-
-
-def test_a_control_pressed_as_its_session_is_replaced_does_nothing(server, work):
-    binding = Binding(server.gui, work, 6)
-    other = server.gui.add_slider("other", 0, 9, 1, 1)
-    control = binding.on(server.gui.add_slider("one", 0, 9, 1, 1), lambda value: setattr(other, "max", value))
-    other.remove()
-    binding.closed = True
-    set_by_client(control, 5)
-    server.gui.reset()
 
 
 def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):
@@ -384,13 +372,3 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
     set_by_client(viewer.tabs.run_bar.run, True)
     turn_until(lambda: label() and "log-likelihood" in label())
-
-
-def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):
-    class Restarted(State):
-        best_positions = controls[0].binding.run.measurement.positions
-
-    state = Restarted(Restarted.best_positions + 0.1)
-    said = html.status(view_of([state], running=True), controls[0].binding.measurement)
-    assert state_word(state, True) == "Trying another start; the best so far is kept"
-    assert "mean 0 mm" in said and "Trying another start" in said and "the best start is kept" in said

@@ -24,14 +24,12 @@ from fdcal.graphics.landscape import draw_landscape
 from fdcal.graphics.marks import ESTIMATE, LOWEST
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose, with_floor
-from fdcal.graphics.primitives import Floor
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, fine_maps
-from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.state import Choices, PageState, initial_choices
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import LABELS, MapTab, caption
@@ -288,35 +286,3 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
     with pytest.raises(InputError, match="order_offset"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
-
-
-def test_surfaces_stay_until_every_page_has_drawn_those_that_replace_them(server, worker, space, monkeypatch):
-    """A page takes a moment to read a surface, and showed none meanwhile."""
-    there = []
-
-    def adding(name, *_, **__):
-        there.append(name)
-        return SimpleNamespace(remove=lambda: there.remove(name))
-
-    monkeypatch.setattr(server.scene, "add_mesh_trimesh", adding)
-    run, nodes, wanted = space.run, SceneNodes(server), space.map_request
-    picture = compose(run.scene, run.measurement, space.view.state.positions, MICROPHONE)
-    for change in ({"modes": (1, 2, 3)}, {"modes": (1, 2, 3, 4)}):
-        nodes.show(with_volume(picture, first(worker, dataclasses.replace(wanted, **change), True).volume))
-    assert {"isosurfaces", "lowest"} <= set(nodes.parts)
-    assert len(set(there)) == 2 and all(re.fullmatch(r"/isosurfaces/\d+", name) for name in there)
-    newest = there[-1]
-    for now, count in ((0.0, 2), (2.9, 2), (3.1, 1)):
-        nodes.settle(now)
-        assert len(there) == count and newest in there
-    volume = with_volume(picture, first(worker, wanted, True).volume)
-    nodes.show(volume)
-    assert len(there) == 2
-    heights = np.zeros((4, 4), np.float32)
-    relief = Floor(np.zeros((4, 4, 3), np.uint8), (0.0, 0.0), (1.0, 1.0), None, (), heights=heights)
-    nodes.show(dataclasses.replace(picture, floor=relief))
-    assert [name[:8] for name in there] == ["/relief/"], "no surface of before comes back"
-    nodes.show(volume)
-    assert [name[:13] for name in there] == ["/isosurfaces/"]
-    nodes.show(picture)
-    assert not there and "isosurfaces" not in nodes.parts

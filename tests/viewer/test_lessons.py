@@ -4,7 +4,6 @@ import html
 import re
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,14 +12,13 @@ from browsing import WAIT
 from doubles import CallRecorder, set_by_client
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.address import Map
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import Lesson, LessonProgress, LessonSetting, LessonStep, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
-from fdcal.viewer.panels import LESSON_RATE, WATCHED_MOVES, Panels, watched_rate
-from fdcal.viewer.state import MAP_KINDS, Choices
+from fdcal.viewer.panels import Panels
+from fdcal.viewer.state import Choices
 from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, end_of_run, show_frame
 
 EVIL = "<script>alert(1)</script>"
@@ -43,15 +41,6 @@ def controls():
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([]),
         microphones=SimpleNamespace(panel=lambda name: ""),
     ), calls  # fmt: skip
-
-
-def test_every_map_of_a_lesson_is_one_of_the_page(controls):
-    made, calls = controls
-    for name in get_args(Map):
-        apply_setting(LessonSetting(map=name), made, lambda view: None, restarted=False)
-    assert len(calls) == len(get_args(Map)) and all(
-        called == "map.show_as" and kind in MAP_KINDS for called, kind in calls
-    )
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):
@@ -247,15 +236,6 @@ def test_a_frame_is_shown_or_run_to(kernels):
     show_frame(session, {"stage": "1"}, list(session.view.history))
     assert session.wait_for(lambda view: view.index == 0, timeout=WAIT)
     session.close()
-
-
-def test_a_run_of_a_lesson_can_be_followed_and_takes_ten_seconds_at_most():
-    """The shortest and the longest; `python -m benchmarks documents` looks at all of them."""
-    for rate, steps in ((LESSON_RATE, 66), (WATCHED_MOVES, 91), (WATCHED_MOVES, 728)):
-        done, duration = 0.0, 0.0
-        while done < steps:
-            done, duration = done + 0.01 * watched_rate(rate, duration), duration + 0.01
-        assert 5.0 <= duration <= 10.0, (rate, steps, duration)
 
 
 def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_one():

@@ -253,7 +253,3 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scor
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
         assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
         assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
-
-
-def part(viewer, name):
-    return {one.name: one for one in (*viewer.snapshot.picture.lines, *viewer.snapshot.picture.meshes)}.get(name)

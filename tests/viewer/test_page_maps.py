@@ -25,10 +25,8 @@ from fdcal.graphics.heatmap import (
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
-from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.session_view import Viewer
-from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import sweep as sweeping
 from fdcal.viewer.tabs.map import EQ7, LABELS
 from fdcal.viewer.tabs.sweep import DOWN
@@ -92,16 +90,6 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
     assert shown(viewer) == 3 and "(dB)" not in viewer.snapshot.picture.floor.bar.label
-
-
-def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
-    rung = []
-    tab = map.MapTab(Binding(server.gui, work, 6, wake=lambda: rung.append(True)))
-    set_by_client(tab.order, 2)
-    assert work.session.ways == 1 and rung
-    set_by_client(tab.order, 3, client=False)
-    assert work.session.ways == 1, "the user has not moved it"
-    server.gui.reset()
 
 
 def test_in_a_drag_the_last_map_stays_until_the_next(viewer):

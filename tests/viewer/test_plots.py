@@ -5,14 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from doubles import State, view_of
-from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.session import StateCosts
 from fdcal.viewer import html, plots
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.plots import Plot
 from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
@@ -97,26 +95,6 @@ def test_errors_are_drawn_over_whole_decades_which_a_drag_keeps_until_another_ru
         assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(ends[1] / ends[0]))
         handles.append(handle)
     assert all(handle is handles[0] for handle in handles)
-
-
-def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
-    """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
-    clock = [0.0]
-    monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
-    plot = Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")
-    for count, top, elapsed, seen in (
-        (1, 9.0, 1.0, (1, 9.0)),
-        (2, 7.0, 0.0, (2, 9.0)),  # first the data
-        (3, 6.0, 0.0, (2, 9.0)),  # a solver runs
-        (4, 6.0, plots.APART, (2, 6.0)),  # then the axes alone, the newest
-        (4, 6.0, 0.0, (2, 6.0)),
-        (4, 6.0, plots.APART, (4, 6.0)),  # and then the data that have come meanwhile
-        (4, 5.0, 0.0, (4, 5.0)),  # of the same extent: at once
-        (5, 5.0, 0.0, (5, 5.0)),  # with the same axes: at once
-    ):
-        clock[0] += elapsed
-        plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), (0.0, top))
-        assert (len(plot.data[0]), plot.handle.scales["y"]["range"][1]) == seen
 
 
 def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history(server, measurement):

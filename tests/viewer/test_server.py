@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import dataclasses
 import gzip
 import io
 import logging
@@ -25,17 +24,15 @@ import numpy as np
 import pytest
 import viser
 from browsing import WAIT
-from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, set_by_client, wait_until
+from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, wait_until
 from PIL import Image
 from viser import _messages, _scene_api
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
-from fdcal.graphics.picture import compose
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
-from fdcal.viewer import scene3d as cameras
 from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
 from fdcal.viewer.server.hardening import titled
@@ -89,34 +86,6 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
 
     monkeypatch.setattr(hardening.socket, "getaddrinfo", unknown)
     assert any(origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
-
-
-def test_an_update_is_one_plain_value():
-    for updates in ({}, None, [], {"uuid": "x"}, {"value": 1, "update_cb": []}, {"value": "x" * 201}):
-        assert not client_values.is_plain(updates)
-    for value in (3, 0.5, True, "short"):
-        assert client_values.is_plain({"value": value})
-
-
-@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
-def test_no_control_of_any_tab_takes_an_invalid_value(controls, value):
-    assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9 and client_values.bounded(7.0, 1, 9, 5) == 7
-    panel, session = controls
-    before = panel.binding.choices
-    tabs = vars(panel).values()
-    handles = [one for tab in tabs if hasattr(tab, "__dict__") for one in vars(tab).values() if hasattr(one, "_impl")]
-    settable = [one for one in handles if isinstance(one, viser.GuiInputHandle) and one is not panel.map.text]
-    assert len(settable) > 30
-    for handle in settable:
-        if not (isinstance(handle.value, str) and not hasattr(handle, "options")):
-            held = handle.value
-            set_by_client(handle, value)
-            assert client_values.fits(handle, handle.value), handle.label
-            handle._impl.value = held
-    panel.scene.press()
-    assert panel.binding.choices == dataclasses.replace(before, seed=panel.binding.choices.seed) and before.seed >= 0
-    assert [name for name, *_ in session.commands if name != "pace"] == []
-    assert all(opening.scene is panel.binding.run.scene for opening in session.opened)
 
 
 @pytest.mark.parametrize(
@@ -173,15 +142,6 @@ def test_the_film_stands_before_the_program_of_viser():
     (program,) = re.findall(rb"<script data-p=.*?</script>", body, re.DOTALL)
     assert page.count(program) == 1 and page.index(b"<body>") < page.index(film.encode()) < page.index(program)
     assert page.count(b"</body>") == 1 and page.rstrip().endswith(b"</html>")
-
-
-def test_any_other_answer_keeps_its_content():
-    assert titled(lambda *_: None)(None, None) is None
-    for kind, body in (("image/png", b"<title>Viser</title>"), ("text/html", b"<title>Other</title>")):
-        response = SimpleNamespace(headers={"Content-Type": kind, "Content-Length": "20"}, body=body)
-        before = dict(response.headers)
-        assert titled(lambda *_: response)(None, None) is response  # noqa: B023
-        assert ({**response.headers, **before}, response.body) == (response.headers, body)
 
 
 def test_images_are_encoded_quickly_and_come_back_as_they_were(server):
@@ -266,17 +226,6 @@ def test_what_is_no_message_is_an_error():
             client_values.decoded_message(raw)
 
 
-def test_a_client_waits_once_its_budget_is_spent():
-    now = [0.0]
-    budget = hardening.Budget(rate=10.0, burst=5.0, clock=lambda: now[0])
-    assert [budget.spend(1.0) for _ in range(5)] == [0.0] * 5
-    assert budget.spend(1.0) == pytest.approx(0.1) and budget.spend(2.0) == pytest.approx(0.3)
-    now[0] = 100.0
-    assert [budget.spend(1.0) for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)], "a long rest saves up no more"
-    begins, goes_on = (client_values.message_cost({**DRAG, "phase": phase}) for phase in ("start", "update"))
-    assert begins > 2 * goes_on, "the start of a drag, of which one may send many, takes the server longer"
-
-
 def test_the_log_counts_what_strangers_do():
     """A million refused connections are seven short lines."""
     kept, log, lines = hardening.StrangerFilter(), logging.getLogger("fdcal.test"), []
@@ -337,39 +286,6 @@ def test_clients_that_begin_wrongly_or_vanish_and_fifty_more_disturb_nobody(dark
         set_dark(clients[-1])
         assert is_served(server)
         assert all(client.recv(timeout=WAIT) for client in clients), "each has been sent the page"
-
-
-class Raising:
-    """The camera of a page, which viser can neither read nor set."""
-
-    image_width = image_height = 500
-
-    @property
-    def position(self):
-        raise ValueError("Camera position must be finite")
-
-    def __setattr__(self, name, value):
-        raise ValueError("Camera position must be finite")
-
-
-def test_a_camera_that_raises_is_left_alone_and_the_others_go_on(scene, measurement):
-    clients = {
-        number: SimpleNamespace(
-            client_id=number,
-            camera=SimpleNamespace(image_width=500, image_height=500),
-            atomic=contextlib.nullcontext,
-        )
-        for number in (1, 2)
-    }
-    initial = SimpleNamespace(position=(0.0, 0.0, 1.0))
-    placed = cameras.Cameras(SimpleNamespace(initial_camera=initial, get_clients=lambda: clients))
-    placed.picture = compose(scene, measurement)
-    for client in clients.values():
-        placed.place(client, "top")
-    clients[1].camera = Raising()
-    placed.place(clients[1], "3d")
-    placed.follow(clients[1])
-    assert placed.kept_views()[2] == "top"
 
 
 def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(tmp_path, monkeypatch):

@@ -289,18 +289,6 @@ def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
         assert names()["fdcal-warmup"] <= before
 
 
-def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
-    before = names()["fdcal-warmup"]
-
-    def failing(*_):
-        raise OSError("the disk is full")
-
-    monkeypatch.setattr(preparing, "cached_measurement", failing)
-    with pytest.raises(OSError):
-        preparing.Preparation(OpenRequest(scene)).prepare()
-    wait_until(lambda: names()["fdcal-warmup"] <= before)
-
-
 def test_a_session_that_was_replaced_is_released(tiny_page, scene, server, monkeypatch):
     """Without waiting for Python's own collector, and with no thread or message left of controls that were removed."""
     monkeypatch.setattr(page_module, "RELEASE_DELAY", 1e6)

@@ -100,31 +100,6 @@ def test_beside_the_panels_the_map_takes_the_room_of_the_bar(placed):
     assert camera.position == before, "the user has moved it"
 
 
-def test_a_page_is_asked_for_the_size_of_its_canvas(placed):
-    """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
-
-    class Browser(SimpleNamespace):
-        """Tells its width anew when it is given an opening that differs a little."""
-
-        def __setattr__(self, name, value):
-            if name == "fov" and abs(value / self.fov - 1) < 1e-3:
-                self.image_width = 600
-            super().__setattr__(name, value)
-
-    client = Browser(client_id=1, atomic=contextlib.nullcontext, image_width=900, image_height=900, fov=1.0)
-    object.__setattr__(client, "camera", client)
-    placed.request(client, "top")
-    placed.process_requests([])
-    assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
-    placed.request(client, "top")
-    placed.process_requests([client])
-    near, opening = client.position, client.fov
-    for _ in range(9):
-        placed.follow_all([client])
-    assert client.image_width == 600 and client.position[2] > 1.2 * near[2]
-    assert client.fov == pytest.approx(opening, rel=2e-4)
-
-
 class SentScene:
     """viser's scene; notes each node that is added, and each value that is given to one, in `sent` and `nodes`."""
 

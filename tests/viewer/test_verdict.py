@@ -16,15 +16,14 @@ from solving import run_from
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.assessment.words import cost_words
 from fdcal.graphics.lesson_panels import channel_table
 from fdcal.graphics.overlays import with_faulty_channels
-from fdcal.graphics.picture import frame, static_picture
-from fdcal.graphics.primitives import format_number
+from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.session.calibration_run import assess_state, healthy_microphones, solve
+from fdcal.session.calibration_run import assess_state, solve
 from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
@@ -34,7 +33,6 @@ from fdcal.viewer.explore import Explore
 from fdcal.viewer.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.server import process
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, ellipses_of
-from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import microphones, spectrum
 from fdcal.viewer.tabs.microphones import given_table
 
@@ -79,14 +77,6 @@ def test_the_line_is_coloured_by_the_code():
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
     dead = assessment("good", "faulty: b dead", channels=Channels(*np.zeros((5, 3)), (ChannelFault("b", "dead"),)))
     assert FAULTY in verdict_html(dead) and GOOD not in verdict_html(dead), "not all is good"
-
-
-def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
-    faults = (ChannelFault("b", "dead"), ChannelFault("c", "misplaced", 0.1, "m"))
-    judged = assessment("good", "", channels=Channels(*np.zeros((5, 4)), faults))
-    assert healthy_microphones(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
-    assert healthy_microphones(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
-    assert healthy_microphones(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
 
 
 def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):
@@ -177,15 +167,6 @@ def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
     assert with_faulty_channels(picture, measurement.positions, []) is picture
 
 
-def test_the_table_is_that_of_the_state_also_where_the_memory_of_an_older_one_is_used_again(controls, measurement):
-    panel, _ = controls
-    panel.microphones.error_by_distance.plot = None  # it keeps the states; an array without known microphones has none
-    for turn in range(50):
-        here = measurement.positions + 0.001 * turn
-        panel.microphones.show(PageState(view_of([State(here)]), float(turn)))
-        assert ", ".join(f"{x:.3f}" for x in here[9]) in panel.microphones.table.content, turn
-
-
 def test_microphones_are_listed_by_descending_error(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
     html = microphones.position_table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
@@ -193,23 +174,6 @@ def test_microphones_are_listed_by_descending_error(measurement):
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
     assert "error<br>(mm)" in html and html.count("known") == 3
     assert "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2], "the one that is chosen"
-
-
-def test_no_minus_stands_before_a_zero_and_no_digit_that_means_nothing_beside_an_error_of_zero(measurement):
-    places = np.array(measurement.positions)
-    places[:, 1] = -1e-5
-    exact = dataclasses.replace(measurement, positions=places)
-    sigma = np.full(len(places), 4.11e-6)
-    html = microphones.position_table(exact, places, sigma, 6)
-    row = html.split("<td>6</td>")[1].partition("</tr>")[0]
-    assert "-0.000" not in html and ", 0.000</td>" in row
-    assert row.endswith("<td>0</td><td>&lt; 0.01</td>")
-    assert "<td>0.0411</td>" in microphones.position_table(exact, places, 10 * sigma, 6)
-    theme, name = static_picture(None, exact).theme, "frame/range"
-    (height,) = [part.text for part in frame((0, 0, 1, 1), (-1e-5, 0.5), 0.01, theme) if part.name == name]
-    assert height == "z 0.00 to 0.50 m" and format_number(-0.0, 3) == "0"
-    given = GivenPosition("7", (-1e-6, 0.2), (0.1, -1e-6), 0.001, False)
-    assert "-0.0000" not in given_table(SimpleNamespace(given=(given,)))
 
 
 def test_modes_beyond_f_max_give_a_warning(measurement):
