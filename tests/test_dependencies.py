@@ -109,13 +109,6 @@ def test_the_workflow_runs_what_ci_runs_on_every_python():
     assert "-m benchmarks.smoke" in script and ".ci/lowest.py" in script
 
 
-def test_the_documents_are_checked_every_night():
-    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "documents.yml").read_text(encoding="utf-8"))
-    assert "schedule" in workflow[True]
-    (job,) = workflow["jobs"].values()
-    assert job["steps"][-1]["run"] == "python -m benchmarks documents"
-
-
 # -- what an installation without extras lacks -------------------------------------------------------------------------
 
 

@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-import runpy
 import tomllib
 from typing import get_args
 
@@ -12,17 +11,14 @@ import pytest
 from PIL import Image
 
 import fdcal
-from benchmarks.documents import ALL, DOCS, PAGES, ROOT, name_of, prose, text_of
-from benchmarks.printed import run_fdcal
-from fdcal.acoustics.dictionary import array_f_max
+from benchmarks.documents import ALL, DOCS, ROOT, name_of, text_of
 from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import GivenRow, ResultTable
 from fdcal.commands.cli import commands
 from fdcal.model.address import Map, View
-from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import OPTIONAL, REQUIRED, SEARCH
-from fdcal.model.scene import load_scene, scene_names
+from fdcal.model.scene import scene_names
 from fdcal.recordings import formats
 from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, Quantity, Scale, load_lesson
 from fdcal.solvers import names as solver_names
@@ -46,24 +42,6 @@ def options(name: str) -> set[str]:
     return {text for option in EVERY_COMMAND[name].params for text in option.opts if text.startswith("-")}
 
 
-def figure(pattern: str, text: str) -> float:
-    """The one number of a pattern in a text."""
-    (found,) = re.findall(pattern, text)
-    return float(found)
-
-
-def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
-    said = figure(r"finds them to ([\d.]+) mm", prose(DOCS / "how-to" / "install.md"))
-    assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
-
-
-def test_a_script_of_the_examples_runs(tmp_path, monkeypatch, capsys):
-    """The quickest one; `python -m benchmarks documents` runs all, and the code of every page."""
-    monkeypatch.chdir(tmp_path)
-    runpy.run_path(str(ROOT / "examples" / "06_scene_of_your_own.py"), run_name="__main__")
-    assert figure(r"12 modes: good +mean error +([\d.]+) mm", capsys.readouterr().out) < 5
-
-
 @pytest.mark.parametrize("page", ALL, ids=name_of)
 def test_every_command_and_option_of_a_page_is_there(page):
     for line in re.findall(r"(?:^|`|&& |\.venv/bin/)fdcal ((?!COMMAND)[a-z]+[^`\n]*)", text_of(page), re.MULTILINE):
@@ -79,16 +57,6 @@ def test_links_lead_somewhere_and_every_picture_has_a_text_for_those_who_cannot_
     for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
         assert (page.parent / target).exists(), target
     assert text.count("```{image}") == len(re.findall(r"```\{image\} [^\n]*\n:alt: \S", text)) and "![](" not in text
-
-
-def test_every_page_is_in_a_table_of_contents():
-    listed = set()
-    for page in PAGES:
-        for block in re.findall(r"```\{toctree\}\n(.*?)```", text_of(page), re.DOTALL):
-            entries = [line for line in block.split() if not line.startswith(":")]
-            listed |= {page.parent / entry for entry in entries}
-    for page in PAGES:
-        assert page == DOCS / "index.md" or page.with_suffix("") in listed, page
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
@@ -169,15 +137,6 @@ def test_the_limits_of_the_checks_are_those_of_the_code(findings, heading):
     table = VERDICTS.partition(f"\n| limits {heading} |")[2].partition("\n\n")[0]
     rows = [f"| `{one.code}` | {one.limit:g} | {one.reason} |" for one in findings if one.reason]
     assert table.splitlines()[2:] == rows
-
-
-def test_the_highest_frequency_of_array_1_is_computed():
-    scene = load_scene("array1_circle")
-    highest = array_f_max(positions_of(scene), scene.room.sound_speed, scene.room.dimension)
-    stated = re.search(
-        r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "uncertainty.md")
-    )
-    assert [float(stated[1]), float(stated[2])] == [round(highest), scene.room.sound_speed]
 
 
 def test_every_dependency_has_its_reason():

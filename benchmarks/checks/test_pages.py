@@ -26,6 +26,11 @@ def figure(pattern: str, text: str) -> float:
     return float(found)
 
 
+def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
+    said = figure(r"finds them to ([\d.]+) mm", prose(DOCS / "how-to" / "install.md"))
+    assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
+
+
 def run_page(page, namespace: dict, skip: str = "") -> None:
     """Run the Python code and the commands of a page in their order, and compare what they print."""
     for block in blocks(text_of(page)):

@@ -11,7 +11,7 @@ from scipy.special import j0, jv
 from scipy.stats import chi2
 from solving import estimated_at, run_from
 
-from fdcal.acoustics.room_modes import independent_frequencies, mode_count
+from fdcal.acoustics.room_modes import mode_count
 from fdcal.assessment.assess import assess
 from fdcal.assessment.uncertainty import (
     Prior,
@@ -338,14 +338,6 @@ def test_the_expected_number_of_modes_is_that_of_the_room(size):
     counts = [np.arange(int(2 * f * length / c) + 1) * c / (2 * length) for length in size]
     modes = np.sqrt(sum(axis**2 for axis in np.meshgrid(*counts, indexing="ij")))
     assert mode_count(size, [f], c)[0] == pytest.approx(np.sum(modes <= f), rel=0.05)
-
-
-def test_overlapping_resonances_are_not_independent():
-    """At high frequencies 2.2 / T60 apart; at low ones as many as there are modes."""
-    found = independent_frequencies(1000.0, 2000.0, 0.5, 343.0, (7.0, 6.0, 2.7))
-    assert np.allclose(np.diff(found), 4.4, rtol=1e-3)
-    low = independent_frequencies(20.0, 60.0, 5.0, 343.0, (4.0, 3.0, 2.5))
-    assert len(low) == pytest.approx(np.diff(mode_count((4.0, 3.0, 2.5), [20.0, 60.0], 343.0))[0], abs=1)
 
 
 def test_the_bound_grows_with_the_sigma_of_the_given_positions():

@@ -84,19 +84,6 @@ def test_calibrate_options_end_within_two_millimetres(calibrated, made, options,
     assert result["mean_error_m"] < 2e-3
 
 
-def test_the_minimal_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
-    known = load_measurement(made / "tiny.npz").known
-    truth = load_measurement(made / "tiny.npz").positions
-    found = np.array(calibrated("--known", "minimal", "--solver", "joint")[1]["positions"])
-    first, second, third = known
-    assert np.array_equal(found[first], truth[first])
-    along, there = (x[second] - x[first] for x in (found, truth))
-    assert np.linalg.norm(along) * np.linalg.norm(there) == pytest.approx(along @ there, rel=1e-12)
-    assert not np.array_equal(found[second], truth[second])
-    sides = [along[0] * (x[third] - x[first])[1] - along[1] * (x[third] - x[first])[0] for x in (found, truth)]
-    assert sides[0] * sides[1] > 0
-
-
 @pytest.mark.parametrize("true", [True, False])
 def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altered, true):
     path = altered(known=None, known_positions=None, **({} if true else {"positions": None}))

@@ -131,17 +131,6 @@ def test_the_minima_are_those_that_the_map_marks():
         assert basins.shares.sum() + basins.outside == pytest.approx(1)
 
 
-def test_a_minimum_too_shallow_to_be_marked_belongs_to_its_neighbour():
-    x, y = lattice()
-    cost = (x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2
-    cost[45, 50] -= 3.6e-4
-    assert len(basins_of(cost, 0.0).minima) == 3
-    basins = basins_of(cost, 0.6)
-    np.testing.assert_array_equal(np.sort(basins.minima[:, 1]), [30, 90])
-    assert basins.shares == pytest.approx([0.5, 0.5], abs=0.01)
-    assert basins.labels[45, 50] == basins.labels[45, 30] != basins.labels[45, 90]
-
-
 def test_descent_down_a_slope_leaves_the_map():
     x, y = lattice()
     slope = basins_of(x + 0.3 * y)

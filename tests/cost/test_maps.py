@@ -180,16 +180,6 @@ def test_each_partial_sum_is_the_map_of_its_modes(solver, state, modes, order_of
         assert one.minima.count == len(local_minima(one.cost))
 
 
-def test_a_finer_lattice_covers_the_same_cells():
-    fine = refined(SEARCH, 500)
-    for lattice in (SEARCH, fine):
-        low = np.array(lattice.origin) - lattice.step / 2
-        high = low + lattice.step * np.array(lattice.shape)
-        np.testing.assert_allclose(low, [0.9875, 1.9875], atol=1e-9)
-        np.testing.assert_allclose(high, [1.4125, 2.3125], atol=fine.step)
-    assert fine.shape[0] == 500 and refined(load_scene("ball3d").search).layer(1.2).shape == (500, 500, 3)
-
-
 def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     """The first mode of the fixture is a sum of plane waves, known everywhere."""
     rng = np.random.default_rng(2)

@@ -12,7 +12,7 @@ from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
-from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor, relief_grid, shaded
+from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor, relief_grid
 from fdcal.graphics.landscape import draw_landscape, figure_bytes
 from fdcal.graphics.marks import drape
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
@@ -129,16 +129,6 @@ def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_
     assert np.linalg.norm(floor.lowest - truth[n], axis=1).min() < 0.01 and floor.show_minima, "the lines cross there"
     plain = wave_floor(problem, truth, n, [(15, "mode 15, x")], 2, marked=False)
     assert not plain.curves and not plain.show_minima
-
-
-def test_the_shading_of_a_relief_makes_one_side_of_a_hole_dark_and_leaves_level_ground_as_it_is():
-    plain, relief = cost_floor(bowl(0.5, 0.5), SEARCH), cost_floor(bowl(0.5, 0.5), SEARCH, relief=True)
-    north_west, south_east = (relief.rgb[row, column].sum() for row, column in ((15, 5), (5, 15)))
-    assert plain.rgb[15, 5].sum() == plain.rgb[5, 15].sum(), "alike without shading"
-    assert north_west < 0.9 * south_east, "the light comes from the upper left"
-    np.testing.assert_array_equal(relief.rgb[10, 10], plain.rgb[10, 10])
-    level = np.full((4, 5, 3), 130, np.uint8)
-    np.testing.assert_array_equal(shaded(level, np.full((4, 5), 0.2), 0.1), level)
 
 
 @pytest.mark.parametrize("count", [1, 3, 4, 9])

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw
 from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.marks import ESTIMATE, HALO, KNOWN, TRUE, drape
+from fdcal.graphics.marks import ESTIMATE, KNOWN, TRUE
 from fdcal.graphics.overlays import with_ball, with_ellipses, with_trails
 from fdcal.graphics.picture import HEIGHT, LETTER, compose, name_place, static_picture, z_range_of
 from fdcal.graphics.primitives import Mesh
@@ -116,17 +116,6 @@ def test_the_selected_microphone_stands_out(scene, measurement, microphone):
 def area(mesh) -> float:
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
     return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-
-
-def test_halos_are_white_wider_and_below(scene, measurement):
-    drawn = compose(scene, measurement, measurement.positions + 0.02, microphone=4)
-    halos = [solid for solid in drawn.meshes if solid.name.endswith("_halo")]
-    assert len(halos) >= 5
-    for halo in halos:
-        over = part(drawn, halo.name.removesuffix("_halo"))
-        assert halo.colour == HALO and over.colour != HALO
-        assert area(halo) > 1.3 * area(over)
-        assert halo.vertices[:, 2].max() < over.vertices[:, 2].min()
 
 
 def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
@@ -305,26 +294,6 @@ def test_walls_are_a_closed_band_of_the_right_area(name):
     perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
     assert area(mesh) == pytest.approx(0.5 * perimeter)
     assert len(mesh.faces) == 2 * len(vertices)
-
-
-def test_the_floor_grid_stays_inside_the_outline():
-    corner = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
-    grid = glyphs.floor_grid(corner, 0.5, 0.0)
-    middles = grid.mean(axis=1)
-    assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
-    lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
-    assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
-
-
-def test_an_error_lies_on_the_relief_between_its_ends(scene, measurement):
-    """Straight, it would show in pieces, where no hill is above it."""
-    cost = np.add.outer(np.sin(np.arange(60) / 4), np.zeros(50)) + 2
-    floor = cost_floor(cost, scene.search, relief=True)
-    drawn = compose(scene, measurement, measurement.positions + [0.1, 0.3], floor=floor)
-    middles = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3).mean(axis=1)
-    height = drape(middles[:, :2], floor)[:, 2]
-    assert (middles[:, 2] > height - 1e-6).all() and (middles[:, 2] < height + 0.2 * floor.heights.max()).all()
-    assert np.ptp(middles[:, 2]) > 0.8 * np.ptp(floor.heights), "it goes down and up"
 
 
 @pytest.mark.parametrize("view", ["top", "close"])

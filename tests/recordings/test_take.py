@@ -101,18 +101,6 @@ def test_a_take_that_is_stopped_or_whose_card_fails_keeps_what_was_recorded(card
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.wav", "b.wav"]
 
 
-def test_an_interrupt_that_nobody_catches_keeps_what_was_recorded(tmp_path):
-    soundfile.write(tmp_path / "from.wav", noise().T, RATE)
-    count = iter(range(100))
-
-    def wait(_):
-        if next(count) == 5:
-            raise KeyboardInterrupt
-
-    done = take.record_take(take.replayed(tmp_path / "from.wav", wait=wait), tmp_path / "take.wav", 30)
-    assert done.stopped and soundfile.info(tmp_path / "take.wav").frames == 0.5 * RATE
-
-
 def test_a_card_that_is_connected_later_is_found(card):
     module = card(noise())
     module.connected = False

@@ -67,19 +67,3 @@ def test_a_command_that_loads_numpy_itself_has_one_thread():
     environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert set(run.stdout.split()) == {"1"}
-
-
-def test_importing_the_package_changes_nothing_in_the_process():
-    code = (
-        "import os, signal, sys, threading, locale\n"
-        "def state():\n"
-        "    return (dict(os.environ), list(sys.path), threading.active_count(),\n"
-        "            [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)], locale.setlocale(locale.LC_ALL),\n"
-        "            sys.excepthook, os.getcwd())\n"
-        "before = state()\nimport fdcal\n[getattr(fdcal, name) for name in fdcal.__all__]\n"
-        "after = state()\n"
-        "print([i for i in range(len(before)) if before[i] != after[i]])"
-    )
-    environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
-    assert run.stdout.strip() == "[]"

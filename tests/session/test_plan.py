@@ -239,14 +239,6 @@ def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
     assert np.all(np.diff([plan.bound.rms for plan in plans]) <= 0)
 
 
-def test_places_that_share_the_rows_of_an_import_are_worth_more_since_their_rows_are_farther_apart():
-    plan = make_plan(PlanRequest(read_layout("ball 32 0.4"), (9.0, 7.0, 4.0), 1.0))
-    two, four = (replace(plan.request, takes=takes) for takes in (2, 4))
-    assert len(two.frequencies) > len(four.frequencies), "they share them"
-    cases = plan.expected[:, 0]
-    assert cases[2] < 0.95 * cases[1] < 0.9 * cases[0]
-
-
 def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
     """They add little to one take, and never make the error worse."""
     noise, impulse = (make_plan(request_of(*LARGE, kind=kind, **LIVING)) for kind in ("stationary", "impulse"))

@@ -1,11 +1,9 @@
 """A session stops within one step, rewinds for free, survives an exception and carries out only the newest command."""
 
 import dataclasses
-import gc
 import math
 import threading
 import time
-import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +13,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.session import Session, SolverRun, StateCosts
+from fdcal.session.session import Session, SolverRun
 from fdcal.session.worker import Lane, LatestWorker
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -420,20 +418,3 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
         assert time.monotonic() < end + WAIT
         time.sleep(0.01)
     assert session.view.cost == session.view.costs.of(session.view.state)
-
-
-def test_tables_that_the_first_cost_makes_do_not_delay_the_next_cost():
-    def reference_cost(state):
-        end = time.thread_time() + (0.05 if state.step == 0 else 0.0)
-        while time.thread_time() < end:
-            pass
-        return float(state.step)
-
-    costs, states = StateCosts(reference_cost), [Count(step=step) for step in range(2)]
-    costs.compute(states[0])
-    costs.compute_in_passing(states[1], 0.001)
-    assert costs.of(states[1]) == 1.0
-    gone = weakref.ref(states[1])
-    del states
-    gc.collect()
-    assert gone() is None and not costs.knows(Count(step=1)), "states that are gone are forgotten, and their costs"

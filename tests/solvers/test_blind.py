@@ -13,7 +13,6 @@ import pytest
 
 from fdcal.assessment.result_file import position_table
 from fdcal.assessment.words import error_line
-from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.viewer.tabs import microphones
@@ -56,14 +55,6 @@ def test_the_page_says_so(blind, estimate):
     assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
     assert "align" not in error_line(known.errors(estimate), known.blind)
-
-
-def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):
-    drawn = with_estimate(static_picture(None, blind), blind, estimate, 4)
-    by_name = {solid.name: solid for solid in drawn.meshes}
-    assert len(by_name) == len(drawn.meshes)
-    ring = np.asarray(by_name["microphones/true"].vertices).reshape(12, -1, 3).mean(axis=1)[:, :2]
-    np.testing.assert_allclose(np.linalg.norm(ring - estimate, axis=1), best(estimate), atol=1e-6)
 
 
 def test_files_say_so(blind, estimate):

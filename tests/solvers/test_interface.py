@@ -28,14 +28,6 @@ def test_a_solver_has_the_functions_and_traits_of_the_protocol_and_frozen_run_st
     assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
 
 
-def test_the_seed_matters_where_a_solver_draws():
-    descent, joint = (solvers.load(name).TRAITS for name in ("descent", "joint"))
-    assert descent.default_start != joint.default_start
-    assert descent.needs_search and descent.draws_order and not descent.moves_all
-    assert descent.ignores("noise") and not joint.ignores("noise")
-    assert joint.uses_seed("random") and not joint.uses_seed(None) and descent.uses_seed("affine")
-
-
 def test_the_names_are_documented():
     assert solvers.names() == ["descent", "joint", "robust", "room"]
     assert (solvers.load("descent"), solvers.load("joint")) == (descent, joint)

@@ -10,7 +10,7 @@ import pytest
 from fields import measured, rigid_room, room_frequencies
 from hypothesis import given, strategies
 from hypothesis import settings as settings_of_hypothesis
-from solving import run_from, same_state, simulated_square
+from solving import same_state, simulated_square
 
 from fdcal import solvers
 from fdcal.acoustics import compiled
@@ -20,7 +20,6 @@ from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import assess_state
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import joint as joint
-from fdcal.solvers import robust
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
 from fdcal.solvers.robust.state import STAGES
 
@@ -201,14 +200,3 @@ def test_an_array_in_another_frame_is_bent_to_exact_positions_before_the_first_s
     begun = joint.init(problem, SETTINGS, 0, off).positions
     assert np.array_equal(begun[KNOWN], TRUTH[KNOWN])
     assert position_errors(begun, TRUTH).max() < 2 * position_errors(off, TRUTH).max()
-
-
-def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions():
-    """They differ in the order of the starts, and in how many are enough."""
-    problem = measured(TRUTH, KNOWN, snr_db=30).problem()
-    matched = replace(SETTINGS, name="robust", gains="fixed", known_sigma=0.0)
-    *_, here = run_from(joint, problem, joint.init(problem, SETTINGS, 0))
-    *_, there = run_from(robust, problem, robust.init(problem, matched, 0))
-    assert here.converged and there.converged
-    np.testing.assert_allclose(here.positions, there.positions, atol=1.8e-3)
-    np.testing.assert_array_equal(here.positions[KNOWN], there.positions[KNOWN])

@@ -1,11 +1,9 @@
 """Controls and keys without a browser: their commands, which of them are shown, and the parameters of a scene."""
 
 import dataclasses
-import re
 import typing
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from doubles import CallRecorder, State, finish, set_by_client, view_of
 from viser import _messages
@@ -14,11 +12,9 @@ from fdcal.graphics.picture import static_picture
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
-from fdcal.session.session import StateCosts
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import MAP_KINDS, CostMapRequest, MapStyle, map_modes
-from fdcal.viewer.explore import CURVE_HEIGHT, CURVE_POINTS, run_curve
 from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
@@ -207,13 +203,6 @@ def test_a_key_does_what_its_button_does(page, keyboard):
     assert page[1] == [("choose", ("log", True))]
 
 
-def test_keys_before_there_is_a_session_do_nothing(page, keyboard):
-    page[0].__dict__["viewer"] = None
-    for key in DONE:
-        keyboard(key)
-    assert page[1] == []
-
-
 def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
     panel, session = controls
     tab = panel.scene
@@ -324,20 +313,6 @@ def test_a_measurement_has_no_simulation_settings(server, work):
     set_by_client(namesake.name, "tiny")
     assert namesake.apply.visible, "the scene of that name is there, too"
     server.gui.reset()
-
-
-@pytest.mark.parametrize("count", [2, 7, 1000])
-def test_the_curve_falls_with_the_cost_and_has_few_points(count):
-    states = [State(np.zeros((1, 2)), step=i, cost=-float(i)) for i in range(count)]
-    view = dataclasses.replace(view_of(states), costs=StateCosts(lambda state: state.cost))
-    assert run_curve(view) == ("", ""), "no cost is computed here"
-    for state in states:
-        view.costs.compute(state)
-    path, words = run_curve(view)
-    assert words.endswith(f", 0.0 to {1 - count}.0 dB")
-    x, y = np.array([pair.split() for pair in re.split("[ML]", path)[1:]], float).T
-    assert 2 <= len(x) <= CURVE_POINTS and (x[0], x[-1]) == (0, 100) and (np.diff(x) > 0).all()
-    assert (np.diff(y) >= 0).all() and 0 < y[0] < y[-1] < CURVE_HEIGHT, "downwards on a screen"
 
 
 def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, measurement):

@@ -29,7 +29,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import IDLE_TIME, CostMapWorker, fine_maps
+from fdcal.viewer.cost_maps import CostMapWorker, fine_maps
 from fdcal.viewer.state import Choices, PageState, initial_choices
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import LABELS, MapTab, caption
@@ -131,22 +131,6 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
         page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
         assert said in caption(first(CostMapWorker(run, threads), page.map_request, False), run.measurement)
-
-
-def test_the_fine_map_is_begun_only_after_the_one_on_the_lattice_of_the_solver(snapshot, monkeypatch, threads):
-    """However long that one takes: it is the first that a browser shows."""
-    begun, gate = [], threading.Event()
-    coarse, fine = CostMapWorker._compute, CostMapWorker._compute_fine
-    monkeypatch.setattr(CostMapWorker, "_compute", lambda *args: (gate.wait(WAIT), coarse(*args))[1])
-    monkeypatch.setattr(CostMapWorker, "_compute_fine", lambda *args: (begun.append(True), fine(*args))[1])
-    worker, wanted = CostMapWorker(snapshot.run, threads), snapshot.map_request
-    for now in (0.0, 2 * IDLE_TIME, 9 * IDLE_TIME):
-        worker.newest(wanted, False, now)
-    assert not worker._fine_worker.busy and not begun
-    gate.set()
-    assert worker.worker.wait_for(lambda latest: latest is not None, WAIT)
-    worker.newest(wanted, False, 9 * IDLE_TIME)
-    assert worker._fine_worker.wait_for(lambda latest: latest is not None, WAIT) and begun
 
 
 def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):

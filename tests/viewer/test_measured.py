@@ -15,7 +15,7 @@ from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measurement import Measurement, save_measurement
-from fdcal.model.scene import MeasuredScene, load_scene, placeholder_scene
+from fdcal.model.scene import load_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
@@ -86,26 +86,6 @@ def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
     assert measurement.errors(positions)[healthy].min() > 1e-3
     left_out = html.status(array.session.view, measurement, sought=healthy, left_out=["M00"])
     assert ">Healthy<" in left_out and "without microphone M00" in left_out
-
-
-@pytest.mark.parametrize(("dimension", "array_dimension"), [(2, 2), (3, 3), (3, 2)])
-def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dimension):
-    rng = np.random.default_rng(0)
-    for known in (0, 5):
-        measurement = Measurement(
-            frequencies=np.array([50.0, 80.0]),
-            pressures=rng.standard_normal((2, 9)) + 1j * rng.standard_normal((2, 9)),
-            sound_speed=343.0,
-            dimension=dimension,
-            array_dimension=array_dimension,
-            known=tuple(range(known)),
-            known_positions=rng.uniform(-3, 3, (known, array_dimension)),
-        )
-        scene = placeholder_scene(measurement, "hall", SolverSettings(modes=2, first_modes=1))
-        assert (scene.room.dimension, scene.array.dimension) == (dimension, array_dimension)
-        assert scene.gauge.indices(9) == tuple(range(known))
-        again = replace(scene, solver=SolverSettings(name="descent", modes=2, first_modes=1))
-        assert isinstance(again, MeasuredScene), "another solver keeps it"
 
 
 @pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])

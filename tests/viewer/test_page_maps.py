@@ -14,8 +14,6 @@ from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.heatmap import (
-    EDGE,
-    OTHERS,
     PLACE,
     basin_floor,
     cost_floor,
@@ -148,24 +146,6 @@ def ask(sweep):
     set_by_client(sweep.play, True)
 
 
-def test_a_sweep_shows_the_basins_of_each_sum_and_the_controls_of_a_scale_are_hidden(basins_shown):
-    viewer, turn_until = basins_shown
-    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
-    assert not tab.scale.visible and tab.order.visible and tab.minima.visible
-    set_by_client(sweep.highest, 5)
-    ask(sweep)
-    set_by_client(sweep.summed, 3)
-    turn_until(lambda: (made := sweep.made) is not None and len(made.frames) == 5)
-    turn_until(lambda: "sum of 3 modes" in tab.caption.content and viewer.snapshot.picture.areas)
-    n = viewer.binding.choices.microphone
-    basins, _, search = expected(viewer, n, (1, 2, 3))
-    wanted = basin_floor(basins, search, NO_MARKS, viewer.run.measurement.positions[n])
-    assert np.mean(viewer.snapshot.picture.floor.rgb == wanted.rgb) > 0.999, "the same to rounding"
-    set_by_client(tab.kind, LABELS["flat"])
-    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and floor.bar is not None)
-    assert not viewer.snapshot.picture.areas and tab.scale.visible
-
-
 def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):
     monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
@@ -272,16 +252,6 @@ def test_the_first_colour_is_that_of_the_true_position_and_shares_add_up():
     far = descent_text(basins, SEARCH, (0.3, 0.15), "estimate")
     assert far == "descent from the estimate ends 300 mm away; its basin holds 50 % of the map"
     assert "leaves the map" in descent_text(basins, SEARCH, (2.0, 2.0))
-
-
-def test_many_basins_share_a_grey_and_the_edge_has_its_own():
-    x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
-    basins = basins_of(np.cos(27 * x) * np.cos(25 * y) + 0.1 * x)
-    floor = basin_floor(basins, SEARCH, NO_MARKS, (0.3, 0.3))
-    colours = [area.colour for area in floor.areas]
-    assert OTHERS in colours and EDGE in colours and len(colours) == len(set(colours))
-    percent = [float(area.text.split()[-2]) for area in floor.areas]
-    assert sum(percent) == pytest.approx(100, abs=3) and percent[1:6] == sorted(percent[1:6], reverse=True)
 
 
 def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):

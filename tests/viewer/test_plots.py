@@ -15,7 +15,6 @@ from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import spectrum as spectrum_plot
 from fdcal.viewer.tabs.curves import NO_RESTART, CurvesTab
-from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
 def curves_of(server, measurement, sought):
@@ -144,15 +143,4 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
     inner = tab.spectrum.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
-    server.gui.reset()
-
-
-def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):
-    chart = ErrorByDistance(server.gui, measurement)
-    states = [State(measurement.positions + 0.2), State(measurement.positions + 1e-5, 1)]
-    chart.show(view_of(states))
-    _, mean, here = chart.plot.data
-    low, high = chart.plot.handle.scales["y"]["range"]
-    assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"
-    assert low <= here.min() < mean.max() <= high and here.max() < 1e-3 * mean.min()
     server.gui.reset()

@@ -17,7 +17,6 @@ import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.assessment.words import cost_words
 from fdcal.graphics.lesson_panels import channel_table
 from fdcal.graphics.overlays import with_faulty_channels
@@ -180,17 +179,6 @@ def test_modes_beyond_f_max_give_a_warning(measurement):
     assert "beyond" not in spectrum.caption(measurement, (1, 2), 500, 3)
     html = spectrum.caption(measurement, (1, 6), 299, 3)
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
-
-
-def test_uncertainty_is_drawn_where_the_verdict_has_one():
-    axes = np.diag([4e-6, 1e-6])
-    for covariance in (np.tile(axes, (3, 1, 1)), np.full((3, 2, 2), np.inf)):
-        drawn = ellipses_of(assessment("good", "", covariance=covariance))
-        if np.isfinite(covariance).all():
-            half = confidence_factor(0.95, 2) * np.array([1e-3, 2e-3])
-            assert np.allclose(np.linalg.norm(drawn, axis=2), half)
-        else:
-            assert drawn is None
 
 
 def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
