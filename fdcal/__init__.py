@@ -51,12 +51,10 @@ METHODS = {
         "show": "graphics.reports:show_calibration",
         "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
-        "to_pyfar": "recordings.export:pyfar_coordinates",
     },
     "cost.maps:LandscapePanels": {"plot": "graphics.landscape:draw_landscape"},
-    "model.measurement:Measurement": {"from_pyfar": "recordings.export:measurement_of_pyfar"},
 }
-STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance
+STATIC = {"from_json", "load"}  # of these: without an instance
 RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # by functions whose modules do not import their class
 
 __all__ = [

@@ -115,7 +115,7 @@ def test_the_workflow_runs_what_ci_runs_on_every_python():
 @pytest.mark.parametrize(
     ("module", "extra"),
     [("viser", "page"), ("matplotlib.figure", "pictures"), ("PIL", "pictures"), ("vtkmodules", "pictures"),
-     ("h5py", "formats"), ("netCDF4", "formats"), ("pyfar", "pyfar"), ("pandas", "pandas")],
+     ("h5py", "formats"), ("netCDF4", "formats"), ("pandas", "pandas")],
 )  # fmt: skip
 def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
     library = module.partition(".")[0]

@@ -36,7 +36,6 @@ HOMES = {
     "platformdirs": {"model.storage"},
     "threadpoolctl": {"session.process"},
     "pandas": {"assessment.result_file"},
-    "pyfar": {"recordings.export"},
     "tomllib": {"model"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},

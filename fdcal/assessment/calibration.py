@@ -337,7 +337,6 @@ class Calibration:
     to_json: ClassVar[Callable[..., str]]
     from_json: ClassVar[Callable[..., Calibration]]
     export: ClassVar[Callable[..., None]]
-    to_pyfar: ClassVar[Callable[..., Any]]
     to_dataframe: ClassVar[Callable[..., Any]]
     plot: ClassVar[Callable[..., Any]]
     show: ClassVar[Callable[..., Any]]

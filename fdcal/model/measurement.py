@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -125,9 +125,6 @@ class Measurement:
     windows: ShortWindows | None = None
     nominal: bool = False
     origin: tuple[np.ndarray, float, bool] | None = None
-
-    # Carried out by `fdcal.recordings`; `fdcal.METHODS` binds it.
-    from_pyfar: ClassVar[Callable[..., Measurement]]
 
     def __post_init__(self):
         put = functools.partial(object.__setattr__, self)

@@ -1,4 +1,4 @@
-"""A calibration in files and objects of other programs, a recording corrected by it, and signals of pyfar.
+"""A calibration in files of other programs, and a recording corrected by it.
 
 A recording is corrected by the differences of its channels as a calibration found them,
 
@@ -13,21 +13,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
-from ..model.libraries import needs
-from ..model.measurement import Measurement
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
 from .formats.sound import SUFFIXES, open_for_writing
-from .recording import GROUP_SAMPLES, Recording, ranges, read_samples, recording_of
-
-FLAT = 1e-6  # metres: heights that differ less are one height
+from .recording import GROUP_SAMPLES, Recording, ranges, read_samples
 
 
 def export(
@@ -99,78 +94,6 @@ def acoular_factors(result: Calibration) -> str:
 
 
 GAIN_TEXTS = {".csv": channel_table, ".xml": acoular_factors}
-
-
-def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
-    """Return the measurement of an object of pyfar.
-
-    Parameters
-    ----------
-    data : pyfar.FrequencyData or pyfar.Signal
-        One channel a microphone. Of frequency data, all frequencies are taken as they are; of a signal they are
-        chosen as for a recording.
-    coordinates : pyfar.Coordinates, optional
-        Positions of the microphones, to compare with.
-    **options
-        Of frequency data, as of `from_arrays`; of a signal, fields of
-        `fdcal.recordings.recording.ImportOptions`.
-
-    Returns
-    -------
-    Measurement
-
-    Raises
-    ------
-    InputError
-        A value is impossible.
-
-    Examples
-    --------
-    >>> import fdcal, pyfar
-    >>> import numpy as np
-    >>> data = pyfar.FrequencyData(np.exp(1j * np.arange(12.0)).reshape(4, 3), [100, 150, 210])
-    >>> fdcal.Measurement.from_pyfar(data).count
-    4
-    """
-    pyfar = needs("pyfar")
-    positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
-    if isinstance(data, pyfar.Signal):
-        from .importer import measurement_of_takes  # brings the signal library, which an export does not need
-        from .recording import ImportOptions
-
-        samples = data.time.reshape(-1, data.n_samples)
-        recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)
-        return measurement_of_takes([recording], ImportOptions(**options))[0]
-    if not isinstance(data, pyfar.FrequencyData):
-        raise InputError(f"{type(data).__name__} is neither a FrequencyData nor a Signal of pyfar", "give one of them")
-    if positions is not None and options.get("dimension", 3) == 2:
-        if np.ptp(positions[:, 2]) > FLAT:
-            raise InputError("a field of two dimensions needs microphones of one height", "leave out <dimension>")
-        positions = positions[:, :2]
-    pressures = data.freq.reshape(-1, data.n_bins).T
-    return Measurement.from_arrays(data.frequencies, pressures, positions=positions, **options)
-
-
-def pyfar_coordinates(self: Calibration, *, frame: str | None = None) -> Any:
-    """Return the positions as `pyfar.Coordinates`; needs the extra "pyfar".
-
-    Parameters
-    ----------
-    frame : str, optional
-        As of `export`.
-
-    Returns
-    -------
-    pyfar.Coordinates
-
-    Examples
-    --------
-    >>> import fdcal
-    >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
-    (16,)
-    """
-    pyfar, placed = needs("pyfar"), placed_in_frame(self, frame)
-    return pyfar.Coordinates(*placed.positions.T.copy(), comment=f"microphones {', '.join(placed.names)}")
 
 
 RESOLUTION = 2.0  # Hz, of the filters: half a second of impulse response

@@ -90,12 +90,6 @@ def thumbnail(name: str) -> tuple[str, str]:
     return scene.title, drawing(points if isinstance(scene, MeasuredScene) else positions_of(scene)[:, :2])
 
 
-def shown_modes(viewer: Viewer) -> tuple[int, ...]:
-    """Return the modes of the map, counted from 1; a map may not have all of those that the solver uses."""
-    choices, wanted, state = viewer.binding.choices, viewer.wanted, viewer.view.state
-    return choices.modes or (wanted and wanted.modes) or tuple(range(state.first, state.last + 1))
-
-
 def _slider(binding: Binding, command: str, label: str) -> str:
     """Return the slider of a command, as it stands in the panels."""
     handle = binding.commands[command][0]
@@ -151,14 +145,22 @@ class Explore:
         overlay.show("lecture", "on" if viewer.binding.choices.lecture else "")
 
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
-        binding, view = viewer.binding, viewer.view
-        running, done = view.running, view.state.finished and not view.running
+        binding, view, state, measurement = viewer.binding, viewer.view, viewer.view.state, viewer.run.measurement
+        running, done = view.running, state.finished and not view.running
         row = binding.row.replace("mode", "frequency")
         rows = row.replace("frequency", "frequencie").capitalize() + "s"
         shown = title or viewer.run.scene.title
         head, colon, rest = shown.partition(":")
         status = escape(waiting) or self._status(viewer)
         curve, costs = run_curve(view)
+        step = "Step"  # the button says what the next step will do
+        if not running and not state.finished:
+            n = state.next_microphone(viewer.run.problem)
+            one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
+            step = one or "Move all microphones a step"
+        # a map may not have all modes that the solver uses
+        modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
+        modes = modes or tuple(range(state.first, state.last + 1))
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""
@@ -168,13 +170,13 @@ class Explore:
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
             f"<small>{status}</small></span></button>"
             f"{self._methods(viewer)}<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
-            f"<button data-do='step=Step'{' disabled' if done else ''}>{self._step(viewer)}</button>"
+            f"<button data-do='step=Step'{' disabled' if done else ''}>{step}</button>"
             "<button data-local='sheet:lessons'>Lessons</button><button data-local='sheet:share'>Share</button>"
             f"{end}<button data-local='face:expert'>Expert</button><hr>"
             f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
             f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"{_slider(binding, 'state', 'State of the run')}</div>"
-            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed_text(shown_modes(viewer))}</output>"
+            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed_text(modes)}</output>"
             f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
             f"<button data-do='sweep'>{'Stop' if sweep.playing else f'Add {rows.lower()} one by one'}</button>"
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"
@@ -192,16 +194,6 @@ class Explore:
             state += "" if name in names else " disabled title='It needs known microphones'"
             buttons += f"<button data-do='method={name}' {state}>{text}</button>"
         return f"<span class='switch' role='group' aria-label='Method'>{buttons}</span>"
-
-    @staticmethod
-    def _step(viewer: Viewer) -> str:
-        """Return what the next step will do."""
-        view = viewer.view
-        if view.running or view.state.finished:
-            return "Step"
-        n = view.state.next_microphone(viewer.run.problem)
-        names = viewer.run.measurement.names
-        return "Move all microphones a step" if n < 0 else f"Move microphone {escape(names[n])} to its lowest point"
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name

@@ -166,26 +166,20 @@ class RunBar(Tab):
         usual = watched if self._binding.run.solver.TRAITS.moves_all else WATCHED_MOVES
         return self._binding.choices.rate or usual
 
-    def limit_rate(self, rate: int) -> None:
-        """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
-        self._binding.sent[id(self.speed)] = rate  # the user may still be dragging the slider
+    def limit_rate(self, rate: int | None) -> None:
+        """Limit the solver to so many steps per second; MAX_RATE removes the limit. With None, the speed of a lesson,
+        every run begins slowly and becomes faster."""
+        self._lesson = rate is None
+        if rate is not None:
+            self._binding.sent[id(self.speed)] = rate  # the user may still be dragging the slider
         self._binding.choose(rate=rate)
-        self.refresh()
-
-    def watch(self) -> None:
-        """Let every run begin slowly, and become faster and faster: no speed that was chosen before counts."""
-        self._lesson = True
-        self._binding.choose(rate=None)
         self.refresh()
 
     def refresh(self) -> None:
         """Give the solver the speed that it begins with."""
         self._since = -1.0
-        self._pace(0 if self._rate == MAX_RATE else self._rate)
-
-    def _pace(self, rate: float) -> None:
-        self._paced = rate
-        self._binding.session.pace(rate)
+        self._paced = 0 if self._rate == MAX_RATE else self._rate
+        self._binding.session.pace(self._paced)
 
     def toggle(self) -> None:
         """Run the solver, from its start where it has finished, or pause it. The map is that of what it minimises."""
@@ -228,7 +222,8 @@ class RunBar(Tab):
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
             rate = slow * watched_rate(self._rate, tick.now - self._since)
             if rate > 1.2 * self._paced:
-                self._pace(rate)
+                self._paced = rate
+                self._binding.session.pace(rate)
         elif self._since >= 0:
             self.refresh()
         send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))

@@ -1,4 +1,4 @@
-"""A measurement: what a solver sees of it, its file, and those made of arrays and of objects of pyfar."""
+"""A measurement: what a solver sees of it, its file, and those made of arrays."""
 
 import dataclasses
 from dataclasses import replace
@@ -145,7 +145,7 @@ def test_the_other_time_sign_is_refused(written):
     assert load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
 
 
-# Measurements of arrays and of objects of pyfar; positions that somebody gives.
+# Measurements of arrays; positions that somebody gives.
 
 
 RNG = np.random.default_rng(1)
@@ -173,39 +173,6 @@ def test_arrays_are_taken_as_they_are():
     ):
         with pytest.raises(fdcal.InputError, match=words):
             from_arrays(**wrong)
-
-
-def test_frequency_data_of_pyfar_are_taken_as_they_are():
-    import pyfar  # takes seconds, and not in each process of the tests
-
-    data = pyfar.FrequencyData(PRESSURES.T, FREQUENCIES)
-    coordinates = pyfar.Coordinates(*PLACES.T)
-    m = fdcal.Measurement.from_pyfar(data, coordinates, known=[0, 1, 2], sound_speed=340.0)
-    np.testing.assert_array_equal(m.pressures, PRESSURES)
-    np.testing.assert_array_equal(m.frequencies, FREQUENCIES)
-    np.testing.assert_allclose(m.positions, PLACES, atol=1e-12)
-    assert m.sound_speed == 340.0
-    with pytest.raises(fdcal.InputError, match="FrequencyData"):
-        fdcal.Measurement.from_pyfar(PRESSURES)
-
-
-def test_a_signal_of_pyfar_is_imported_as_a_recording_is(tmp_path):
-    rate, t = 2000, np.arange(4000) / 2000
-    tones = np.array([60.0, 101.0, 143.0, 187.0])
-    ringing = RNG.normal(size=(6, 4)) @ (np.exp(-6 * t) * np.cos(2 * np.pi * tones[:, None] * t))
-    import pyfar
-
-    m = fdcal.Measurement.from_pyfar(pyfar.Signal(ringing, rate), array_radius=0.3, kind="impulse")
-    assert m.count == 6
-    for tone in tones:
-        assert np.abs(m.frequencies - tone).min() < 2
-
-    import soundfile
-
-    soundfile.write(tmp_path / "r.wav", ringing.T / 10, rate, subtype="DOUBLE")
-    recorded = fdcal.load(tmp_path / "r.wav", array_radius=0.3, kind="impulse")
-    np.testing.assert_allclose(recorded.frequencies, m.frequencies)
-    np.testing.assert_allclose(10 * recorded.pressures, m.pressures, rtol=1e-6)
 
 
 NAMED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=list("abcde"))

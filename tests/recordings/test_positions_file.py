@@ -311,7 +311,6 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
         "json": [[row["x"], row["y"]] for row in rows],
         "npy": np.load(tmp_path / "out.npy").T[:, :2],
         "sofa": sofar.read_sofa(str(tmp_path / "out.sofa"), verbose=False).ReceiverPosition[:, :2, 0],
-        "to_pyfar": found.to_pyfar().cartesian[:, :2],
     }
     outputs |= {f"read {one}": read_places(tmp_path / f"out.{one}")[1][:, :2] for one in FORMATS_WRITTEN}
     for name, output in outputs.items():

@@ -414,7 +414,7 @@ class LessonsTab:
         waiting = [setting] if setting.begins else settings
 
         def apply_all(shown: Viewer) -> None:
-            shown.tabs.run_bar.watch()  # a lesson does not depend on the speed chosen before
+            shown.tabs.run_bar.limit_rate(None)  # a lesson does not depend on the speed chosen before
             before = shown.binding.session.view
             for one in waiting:
                 apply_setting(one, shown.tabs, place_all, restarted=one is waiting[0])
