@@ -24,7 +24,6 @@ Part = Lines | Mesh | Label
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
 MIN_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
-QUIET_SOURCE = 0.5  # size of the marks of the sources that are not of the chosen take, of those that are
 EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
 
 
@@ -107,10 +106,10 @@ def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], theme: Theme
     ]
 
 
-def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int | None) -> list[Part]:
+def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
     """Return the walls, the grid on the floor and the source of a scene that is no measured room.
 
-    Of several places of the source each is marked with its take; where one take is chosen, the others are drawn small.
+    A source with several places is marked at each of them, with the number of the take.
     """
     vertices, height, sources = scene.room.vertices, wall_height(scene), np.array(scene.emitter.places, float)
     several, extent = len(sources) > 1, float(np.ptp(vertices, axis=0).max())
@@ -129,15 +128,12 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme, take: int 
     seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     for number, place in enumerate(places):
-        chosen = take in (None, number)
-        size, colour = (radius, theme.foreground) if chosen else (QUIET_SOURCE * radius, theme.quiet)
-        name, text = (f"source/{number}", f"take {number}") if several else ("source", "source")
-        parts += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, 0.4, "microphones/true")
+        name, text = (f"source/{number}", f"source, take {number}") if several else ("source", "source")
+        parts += strokes(name, glyphs.stars(place[None], 2 * radius, arms=4), radius, 0.4, "microphones/true")
         if several and scene.room.dimension == 3:
-            parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), colour, 2.0 if chosen else 1.0))
+            parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), theme.foreground, 2.0))
         x, y, z = place.tolist()
-        text = f"source, {text}" if several and chosen else text
-        parts.append(Label(f"{name}/name", text, (x, y - 3 * size, z), colour, "top-center"))
+        parts.append(Label(f"{name}/name", text, (x, y - 3 * radius, z), theme.foreground, "top-center"))
     return parts
 
 
@@ -199,13 +195,11 @@ def static_picture(
     dark: bool = False,
     floor: Floor | None = None,
     lecture: bool = False,
-    take: int | None = None,
 ) -> Picture:
     """Return what stays the same while a solver runs.
 
     `scene`: for room and source; `floor`: a map in relief, on which the microphones stand, and which `with_floor`
-    draws; `lecture`: whether texts, marks and contrast suit a projector; `take`: whose place of the source is
-    prominent; None for all places alike.
+    draws; `lecture`: whether texts, marks and contrast suit a projector.
     """
     theme = THEMES[dark][lecture]
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
@@ -217,7 +211,7 @@ def static_picture(
         vertices = scene.room.vertices
         (x0, y0), (x1, y1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         bounds = (x0, y0, x1, y1)
-        parts += room_and_source(scene, radius, theme, take)
+        parts += room_and_source(scene, radius, theme)
     parts += frame(focus, z_range, radius, theme)
     if measurement.positions is not None:
         parts += true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)

@@ -67,14 +67,13 @@ class CostMapRequest:
     follow: bool = field(compare=False)  # whether any microphone will do, as long as the solver has moved it lately
     state: RunState = field(compare=False)  # of the solver
     lineage: object = field(compare=False)  # of the history that the state belongs to
-    take: int | None = None  # whose rows the map is of; None for those of all takes
 
     def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (
-            (wanted.follow or one.microphone, one.custom_modes and one.modes, one.order_offset, one.style, one.take)
+            (wanted.follow or one.microphone, one.custom_modes and one.modes, one.order_offset, one.style)
             for one in (self, wanted)
         )
         return mine == theirs and self.lineage is wanted.lineage
@@ -139,27 +138,19 @@ def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
 
 
 def map_modes(
-    run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None, take: int | None = None
+    run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
-    `state`: of the solver; `chosen`: by the user; None for the modes in use, of Eq. 7 those that the microphones can
-    carry, if there are any; `order_offset`: of the map of Eq. 7; None for what the solver minimises; `take`: whose rows
-    alone are shown, the lowest where none of its rows is chosen; None for those of all takes.
+    `state`: of the solver; `chosen`: by the user. With None, a map shows the modes that the solver uses; a map of Eq. 7
+    shows those of them that the microphones can carry, if there are any. `order_offset`: of the map of Eq. 7; None for
+    what the solver minimises.
     """
     if chosen is not None:
-        return of_take(run, chosen, take)
-    used = of_take(run, tuple(range(state.first, state.last + 1)), take)
-    carried = set(carried_modes(run, order_offset, max(state.last, used[-1])))
+        return chosen
+    used = tuple(range(state.first, state.last + 1))
+    carried = set(carried_modes(run, order_offset, state.last))
     return tuple(mode for mode in used if mode in carried) or used
-
-
-def of_take(run: PreparedRun, modes: tuple[int, ...], take: int | None) -> tuple[int, ...]:
-    """Return those of some modes that belong to a take, its lowest where none does; all for None."""
-    if take is None:
-        return modes
-    takes = run.problem.takes
-    return tuple(mode for mode in modes if takes[mode - 1] == take) or (int(np.argmax(takes == take)) + 1,)
 
 
 def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-RED, BLUE, ORANGE, GREY, PURPLE = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98", "#8c5ab4"
+RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(float(step * 10**power) for power in range(7) for step in (1, 2, 5))  # between ticks
 APART = 0.3  # s between data of another extent and other axes

@@ -142,7 +142,7 @@ class SessionPicture:
             positions[moving.microphone, : len(moving.place)] = moving.place
         scene, measurement = self._run.known_scene, self._measurement
         relief = None if floor is None or floor.heights is None else floor  # whose heights what does not move follows
-        look = choices.dark, relief, choices.lecture, choices.take
+        look = choices.dark, relief, choices.lecture
         static = self._static(lambda: static_picture(scene, measurement, *look), *look)
         truth = self._run.drawn_truth(positions)
         picture = with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)

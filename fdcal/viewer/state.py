@@ -49,7 +49,6 @@ class Choices(MapStyle):
     export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
     seed: int = 0  # of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
-    take: int | None = None  # the take whose rows and spectrum are shown; None for all takes
     # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
     verdict: bool = True
     panel: str = "none"
@@ -78,15 +77,12 @@ class Choices(MapStyle):
             positions = np.array(state.positions)
             positions[microphone, 2] = np.clip(positions[microphone, 2], low, high)
             state = replace(state, positions=positions)
-        return CostMapRequest(
-            revision, microphone, map_modes(run, state, self.modes, order, self.take), order, self.modes is not None,
-            self.style, follow, state, view.lineage, self.take,
-        )  # fmt: skip
+        modes, custom = map_modes(run, state, self.modes, order), self.modes is not None
+        return CostMapRequest(revision, microphone, modes, order, custom, self.style, follow, state, view.lineage)
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("kind", "microphone", "modes", "order_offset", "take", *SWITCHES)
-        return {key: getattr(self, key) for key in keys}
+        return {key: getattr(self, key) for key in ("kind", "microphone", "modes", "order_offset", *SWITCHES)}
 
 
 # Those that are saved and are true or false.
@@ -112,8 +108,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
         kind = "flat" if before.kind in ("shape", "none") else before.kind
         kept = {name: getattr(before, name) for name in KEPT} | vars(before.style) | {"kind": kind}
         choices = replace(choices, **kept)
-    wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
-    values = {key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted}
+    values = {key: _checked(key, value, measurement.count, modes) for key, value in run.opening.choices.items()}
     choices = replace(choices, **(values | {"in_space": has_volume(measurement)}))
     return replace(choices, kind="flat") if choices.kind == "volume" and not choices.in_space else choices
 
@@ -123,7 +118,7 @@ def has_volume(measurement: Measurement) -> bool:
     return measurement.array_dimension == 3 and measurement.search is not None
 
 
-def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
+def _checked(key: str, value: Any, count: int, modes: int) -> Any:
     """Return a value of a request's choices, which may come from a file."""
     whole = value if isinstance(value, int) and not isinstance(value, bool) else -1
     numbers = list(value) if isinstance(value, (list, tuple)) else []
@@ -131,7 +126,6 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
     possible |= {
         "kind": value in MAP_KINDS,
         "microphone": 0 <= whole < count,
-        "take": value is None or whole in takes,
         "order_offset": 0 <= whole <= MAX_ORDER_OFFSET,
         "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
     }
@@ -139,8 +133,8 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         return tuple(sorted(set(numbers))) if numbers else value
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
-        f"use kind ({', '.join(MAP_KINDS)}), microphone (0 to {count - 1}), take (0 to {max(takes)}),"
-        f" modes (from 1 to {modes}), order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
+        f"use kind ({', '.join(MAP_KINDS)}), microphone (0 to {count - 1}), modes (from 1 to {modes}),"
+        f" order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,
     )

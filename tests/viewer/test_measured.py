@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from doubles import Recorder, Solver, State, set_by_client
 
 from fdcal import solvers
 from fdcal.assessment.result_file import position_table
@@ -17,17 +16,14 @@ from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
-from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import with_estimated_domain
-from fdcal.session.sources import OpenRequest, scene_input
-from fdcal.viewer import html, prepare
+from fdcal.session.sources import scene_input
+from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.prepare import DisplayFrame, Preparation
-from fdcal.viewer.state import PageState
-from fdcal.viewer.tabs import map, spectrum
 from fdcal.viewer.tabs import map as map_tab
-from fdcal.viewer.tabs.spectrum import HIDDEN, SpectrumPlot
+from fdcal.viewer.tabs import spectrum
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +46,7 @@ def array():
         yield work
 
 
-def test_the_measured_array_has_maps_at_once_and_a_list_of_takes(array, server):
+def test_the_measured_array_has_maps_at_once(array, server):
     """Seven microphones carry no mode with the usual order."""
     assert array.known_scene is None and array.measurement.take_count == 4
     places = DisplayFrame(array).positions(array.session.view.state.positions)  # where the page draws them
@@ -59,10 +55,9 @@ def test_the_measured_array_has_maps_at_once_and_a_list_of_takes(array, server):
     binding = Binding(server.gui, array, len(array.measurement.frequencies))
     tab = map_tab.MapTab(binding)
     try:
-        assert tab.take.options == ("All takes", "Take 0", "Take 1", "Take 2", "Take 3")
         assert binding.choices.order_offset == array.reference_cost.order_offset == tab.order.value == 0
-        rows = map_modes(array, array.session.view.state, None, binding.choices.map_order, 1)
-        assert len(rows) > 50 and {int(array.measurement.takes[row - 1]) for row in rows} == {1}
+        rows = map_modes(array, array.session.view.state, None, binding.choices.map_order)
+        assert len(rows) > 50 and {int(array.measurement.takes[row - 1]) for row in rows} == {0, 1, 2, 3}
     finally:
         server.gui.reset()
 
@@ -126,21 +121,6 @@ def takes(measurement):
     return Measurement.from_takes(each)
 
 
-@pytest.fixture
-def work_of_takes(scene, takes):
-    session = Recorder(State(takes.positions, last=6))
-    request = OpenRequest(scene, choices={"objective": True})
-    return prepare.PreparedRun(scene, takes, takes.problem("unit"), Solver(takes), session, request)
-
-
-@pytest.fixture
-def tabs(server, work_of_takes):
-    binding = Binding(server.gui, work_of_takes, 12)
-    map_ = map.MapTab(binding)
-    yield binding, map_, spectrum.SpectrumPanel(binding)
-    server.gui.reset()
-
-
 def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement):
     assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
     assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
@@ -150,70 +130,14 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert "row 12, take 1, <b>300.0 Hz" in spectrum.caption(takes, (1, 12), 400, None)
 
 
-def test_a_take_selects_the_rows_of_the_map(work_of_takes):
-    state = work_of_takes.session.view.state
-    assert map_modes(work_of_takes, state, None, None) == (1, 2, 3, 4, 5, 6)
-    assert map_modes(work_of_takes, state, None, None, 1) == (2, 4, 6)
-    assert map_modes(work_of_takes, state, (1, 4, 5), None, 0) == (1, 5)
-    assert map_modes(work_of_takes, state, (1, 5), None, 1) == (2,), "none is of the take: its lowest row"
-
-
-def test_the_list_of_takes_changes_rows_and_spectrum(tabs, controls):
-    binding, map_, shown = tabs
-    assert map_.take.options == ("All takes", "Take 0", "Take 1")
-    view = binding.session.view
-    shown.show(PageState(view, 0.0))
-    every = len(shown.spectrum.handle.data[0])
-    set_by_client(map_.take, "Take 1")
-    assert binding.choices.take == 1
-    shown.show(PageState(view, 1.0))
-    assert "take 1" in shown.text.content and len(shown.spectrum.handle.data[0]) < every
-    set_by_client(map_.take, "All takes")
-    assert binding.choices.take is None
-    one = controls[0].map
-    assert one.take is None and one.text.label == "Mode numbers", "one take has no list"
-
-
-def test_the_spectrum_is_that_of_the_take(server, takes, measurement):
-    plot = SpectrumPlot(server.gui, takes, 12)
-    one, other, both = (plot.columns((1, 2), 150.0, take) for take in (0, 1, None))
-    for number, columns in enumerate((one, other)):
-        alone = dataclasses.replace(takes.of_take(number), takes=None)
-        expected = SpectrumPlot(server.gui, alone, 6).columns((1,), 150.0)
-        for column, same in zip(columns, expected, strict=True):
-            np.testing.assert_allclose(column, same)
-    assert np.count_nonzero(both[2] > HIDDEN) + np.count_nonzero(both[3] > HIDDEN) == 12
-    assert not np.array_equal(one[1], other[1])
-
-
-def test_a_saved_session_keeps_its_take(server, work_of_takes):
-    saved = dataclasses.replace(Binding(server.gui, work_of_takes, 12).choices, take=1).to_save()
-    again = dataclasses.replace(work_of_takes, opening=OpenRequest(work_of_takes.scene, choices=saved))
-    assert Binding(server.gui, again, 12).choices.take == 1
-    wrong = dataclasses.replace(work_of_takes, opening=OpenRequest(work_of_takes.scene, choices={"take": 2}))
-    with pytest.raises(InputError, match=r"choices.take = 2 .* take \(0 to 1\)"):
-        Binding(server.gui, wrong, 12)
-
-
-def test_every_place_of_the_source_is_drawn_and_that_of_the_take_is_larger(takes):
+def test_every_place_of_the_source_is_drawn_with_its_take(takes):
     scene, measurement = load_scene("two_places"), dataclasses.replace(takes, search=None)
-    pictures = {take: static_picture(scene, measurement, take=take) for take in (None, 0, 1)}
-
-    def star(picture, number):
-        (mesh,) = [mesh for mesh in picture.meshes if mesh.name == f"source/{number}"]
-        return mesh.vertices
-
-    def size(take, number):
-        return np.ptp(star(pictures[take], number), axis=0).max()
-
-    def text(take, number):
-        return next(label.text for label in pictures[take].labels if label.name == f"source/{number}/name")
-
+    picture = static_picture(scene, measurement)
     for number, place in enumerate(scene.source.places):
-        np.testing.assert_allclose(star(pictures[None], number)[:, :2].mean(axis=0), place[:2], atol=1e-3)
-        assert text(None, number) == f"source, take {number}"
-    assert size(None, 0) == pytest.approx(size(None, 1)) and size(1, 1) > 1.5 * size(1, 0)
-    assert text(1, 0) == "take 0" and text(1, 1) == "source, take 1"
+        (mesh,) = [mesh for mesh in picture.meshes if mesh.name == f"source/{number}"]
+        np.testing.assert_allclose(mesh.vertices[:, :2].mean(axis=0), place[:2], atol=1e-3)
+        text = next(label.text for label in picture.labels if label.name == f"source/{number}/name")
+        assert text == f"source, take {number}"
     stars = [mesh.name for mesh in static_picture(load_scene("tiny"), measurement).meshes if "source" in mesh.name]
     assert stars == ["source_halo", "source"], "as it was for one place"
 

@@ -1,8 +1,7 @@
 """The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage or a restart began.
 
-The marks have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the top, alike for
-any number of stages, which hide neither the curves nor the axis, and longer ones where the solver started again
-from other positions. The number of the stage is in the legend, and restarts where there are any.
+The ticks have a scale of their own, from 0 at the bottom to 1 at the top. They are short and stand at the top, so that
+they hide neither the curves nor the axis. The number of the stage is in the legend.
 """
 
 from typing import Any
@@ -13,21 +12,19 @@ from viser import uplot
 from ...graphics.picture import cost_title
 from ...model.validation import evenly_spaced
 from ..binding import Binding, Tab
-from ..plots import BLUE, GREY, ORANGE, PURPLE, RED, Plot, decades_of
+from ..plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 from ..state import PageState
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 ZERO = 1e-9  # mm, drawn for no error, below the axis: logarithms have no zero
-TICK, LONG_TICK, HIDDEN = 0.92, 0.8, 2.0  # lower end of a stage's tick and of a restart's; a height above the plot
+TICK, HIDDEN = 0.92, 2.0  # lower end of a tick; a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
-# The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
+# The ticks have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
-    "<style>.u-legend .fdcal-lines, .u-legend .fdcal-restart .u-value,"
-    " .u-cursor-pt:is(.fdcal-lines, .fdcal-stage, .fdcal-restart) {display: none}</style>"
+    "<style>.u-legend .fdcal-lines, .u-cursor-pt:is(.fdcal-lines, .fdcal-stage) {display: none}</style>"
     "<div style='padding: 0 0.75em; font-size: var(--note); opacity: 0.75'>Grey ticks at the top: a new stage (mode or"
-    " objective changed). Hover to read values.</div>"
+    " objective changed) or another start. Hover to read values.</div>"
 )
-NO_RESTART = "<style>.u-legend .fdcal-restart {display: none}</style>"
 
 
 class CurvesTab(Tab):
@@ -53,7 +50,7 @@ class CurvesTab(Tab):
             title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
             self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
         self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
-        self.remark = gui.add_html(REMARK + NO_RESTART)
+        gui.add_html(REMARK)
         self.plots = tuple(filter(None, (self.error, self.cost)))
 
     def inputs(self, state: PageState) -> tuple:
@@ -73,20 +70,18 @@ class CurvesTab(Tab):
         self._states[kept:], self._rows[kept:] = history[kept:], [self._row(one) for one in history[kept:]]
         x, mean, largest, last, stage, restart = np.array(self._rows, float).T
         drawn = evenly_spaced(len(x), MAX_POINTS)
-        restarted = np.flatnonzero(np.diff(restart)) + 1
-        begins = np.setdiff1d(np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1, restarted)
-        self.remark.content = REMARK if len(restarted) else REMARK + NO_RESTART
+        begins = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0) | (np.diff(restart) != 0)) + 1
         if self.error is not None:
             drawn_errors = np.concatenate([mean, largest])
             decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
             ends = [*self._decades, *decades]  # a drag that ends the better part of a run leaves the axis as it is
             self._decades = range(min(ends), max(ends) + 1)
-            self.error.show(_with_stages(x, (mean, largest), drawn, begins, restarted, stage), self._decades)
+            self.error.show(_with_ticks(x, (mean, largest), drawn, begins, stage), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # between the costs that are known the curve is straight
             cost = np.interp(np.arange(len(cost)), known, cost[known])
-            self.cost.show(_with_stages(x, (cost,), drawn, begins, restarted, stage))
+            self.cost.show(_with_ticks(x, (cost,), drawn, begins, stage))
 
     def _row(self, state) -> tuple:
         errors = self._measurement.errors(state.positions, self._sought)
@@ -102,23 +97,21 @@ class CurvesTab(Tab):
         )
 
 
-def _with_stages(x, curves, drawn, begins, restarted, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a long tick at each of `restarted`, a tick at
-    each of `begins`, and the number of the stage, from 1."""
-    at = np.concatenate([drawn, np.repeat(restarted, 3), np.repeat(begins, 3)])
+def _with_ticks(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:
+    """Return the columns of a plot: the curves at the `drawn` points, a tick at each of `begins`, and the number of the
+    stage, from 1."""
+    at = np.concatenate([drawn, np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
-    restarts, lines = np.full((2, len(at)), HIDDEN)
-    restarts[len(drawn) + 1 : len(drawn) + 3 * len(restarted) : 3] = LONG_TICK
-    lines[len(drawn) + 3 * len(restarted) + 1 :: 3] = TICK
-    return (x[at][order], *(one[at][order] for one in curves), restarts[order], lines[order], stage[at][order] + 1)
+    ticks = np.full(len(at), HIDDEN)
+    ticks[len(drawn) + 1 :: 3] = TICK
+    return (x[at][order], *(one[at][order] for one in curves), ticks[order], stage[at][order] + 1)
 
 
 def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
-    """Return the series of a plot: sweeps, the curves (label, colour, width), restarts, lines and numbers of stages."""
+    """Return the series of a plot: sweeps, the curves (label, colour, width), ticks and numbers of stages."""
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
     points: Any = {"show": False}
-    css: dict[str, dict[str, Any]] = {name: {"class": f"fdcal-{name}"} for name in ("restart", "lines", "stage")}
-    restarted = uplot.Series(label="restart", scale="stage", width=2.5, **css["restart"], stroke=PURPLE, points=points)
-    lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], stroke=GREY, points=points)
+    css: dict[str, dict[str, Any]] = {name: {"class": f"fdcal-{name}"} for name in ("lines", "stage")}
+    ticks = uplot.Series(label="", scale="stage", width=2, **css["lines"], stroke=GREY, points=points)
     number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], stroke=GREY, points=points)
-    return (uplot.Series(label="sweeps"), *drawn, restarted, lines, number)
+    return (uplot.Series(label="sweeps"), *drawn, ticks, number)

@@ -11,7 +11,7 @@ from ...model.measurement import Measurement
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
 from ..binding import Binding, Tab
-from ..cost_maps import MAP_KINDS, CostMap, count_label, modes_label, of_take
+from ..cost_maps import MAP_KINDS, CostMap, count_label, modes_label
 from ..prepare import PreparedRun
 from ..scheduler import Memo
 from ..state import MAX_ORDER_OFFSET, Choices, PageState, has_volume
@@ -26,12 +26,11 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
     low, high = int(orders.min()), int(orders.max())
     text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
     last, word = drawn.request.state.last, row_word(run.measurement)
-    used = of_take(run, tuple(range(drawn.request.state.first, last + 1)), drawn.request.take)
-    if drawn.request.custom_modes or drawn.request.modes[-1] == used[-1]:
+    if drawn.request.custom_modes or drawn.request.modes[-1] == last:
         return text
-    count, microphones = len(drawn.request.modes), run.measurement.count
-    higher = f"the higher ones have too many functions for {microphones} microphones"
-    return f"{text}; {count} of the {len(used)} {word}s that the solver uses: {higher}"
+    count, used = len(drawn.request.modes), last + 1 - drawn.request.state.first
+    higher = f"the higher ones have too many functions for {run.measurement.count} microphones"
+    return f"{text}; {count} of the {used} {word}s that the solver uses: {higher}"
 
 
 def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
@@ -66,7 +65,6 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
 
 LINEAR, LOG = "Linear", "Logarithmic"
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
-ALL_TAKES = "All takes"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 LABELS = {
     "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last mode)", "basins": "Basins of attraction",
@@ -105,15 +103,6 @@ class MapTab(Tab):
             "Follow the run", lambda choices: choices.follow, self.follow_solver,
             visible=not binding.run.solver.TRAITS.moves_all, hint="Show the microphone that the next step moves",
         )  # fmt: skip
-        self.take = None
-        takes = {ALL_TAKES: None} | {f"Take {take}": take for take in np.unique(binding.measurement.takes).tolist()}
-        if binding.measurement.take_count > 1:
-            self.take = binding.dropdown(
-                "Take", tuple(takes),
-                lambda choices: ALL_TAKES if choices.take is None else f"Take {choices.take}",
-                lambda label: choose(take=takes[label]),
-                hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
-            )  # fmt: skip
         self.text = binding.on(
             binding.gui.add_text(
                 f"{row.title()} numbers", SOLVER if choices.modes is None else modes_text(choices.modes),

@@ -13,7 +13,6 @@ from ...assessment.calibration import Channels
 from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, errors_by_distance, lesson_panel, named, row, table
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
-from ...session.session import SessionView
 from ..binding import Binding, Tab
 from ..html import CARD
 from ..plots import BLUE, RED, Plot, decades_of, dots
@@ -76,6 +75,22 @@ def _millimetres(length: float) -> str:
     return text if length >= FINEST or text == "0" else f"&lt; {mm_text(FINEST)}"
 
 
+def distance_plot(gui: viser.GuiApi, measurement: Measurement) -> Plot | None:
+    """Return the plot of the paper's Fig. 5: errors now, and their mean over the run, on one logarithmic axis.
+
+    Return None for an array without true positions or without known microphones.
+    """
+    if measurement.positions is None or not len(measurement.known):
+        return None
+    series = (
+        uplot.Series(label="distance (m)"),
+        uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
+        uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
+    )
+    title = f"Error (mm) against distance from known microphone {measurement.known[0]}"
+    return Plot(gui, title, series, "distance (m)")
+
+
 class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
@@ -84,7 +99,7 @@ class MicrophonesTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, self._panel, gui = binding, Memo(), binding.gui
-        self.error_by_distance = ErrorByDistance(gui, binding.measurement)
+        self.by_distance = distance_plot(gui, binding.measurement)
         self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
     def panel(self, name: str) -> str:
@@ -104,7 +119,9 @@ class MicrophonesTab(Tab):
         """Bring plot and tables up to date."""
         view, measurement = tick.view, self._binding.measurement
         found = tick.found if tick.axes is not None else None
-        self.error_by_distance.show(view)
+        drawn = self.by_distance and errors_by_distance(measurement, view.history[: view.index + 1])
+        if self.by_distance is not None and drawn is not None:
+            self.by_distance.show(drawn, decades_of(*drawn[1:]))
         sigma, channels = (None, None) if found is None else (found.uncertainty, found.channels)
         sought = slice(None) if tick.sought is None else tick.sought
         positions = np.asarray(view.state.positions)
@@ -116,30 +133,3 @@ class MicrophonesTab(Tab):
             self.channels.content = f"<div style='{CARD} font-size: var(--note)'>{verdict}</div>{rows}"
         else:
             self.channels.content = ""
-
-
-class ErrorByDistance:
-    """Owns the plot of the paper's Fig. 5: errors now, and their mean over the run, on one logarithmic axis.
-
-    There is no plot for an array without true positions or without known microphones.
-    """
-
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement):
-        self._measurement, self.plot = measurement, None
-        if measurement.positions is None or not len(measurement.known):
-            return
-        series = (
-            uplot.Series(label="distance (m)"),
-            uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
-            uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
-        )
-        title = f"Error (mm) against distance from known microphone {measurement.known[0]}"
-        self.plot = Plot(gui, title, series, "distance (m)")
-
-    def show(self, view: SessionView) -> None:
-        """Bring the plot up to date."""
-        if self.plot is None:
-            return
-        drawn = errors_by_distance(self._measurement, view.history[: view.index + 1])
-        if drawn is not None:
-            self.plot.show(drawn, decades_of(*drawn[1:]))

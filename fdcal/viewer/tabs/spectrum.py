@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import viser
 from viser import uplot
 
 from ...acoustics.dictionary import array_f_max, max_order
@@ -21,85 +20,6 @@ MAX_POINTS = 700  # of the spectrum: a plot is sent whole each time
 ABOVE, BELOW = 6.0, 8.0  # dB by which the plot exceeds the strongest and the weakest peak
 MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
 HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
-
-
-# What the plot shows of one take, or of all: its modes, counted from 1, and their levels, dB, (K,) each; the curve
-# through all peaks, Hz and dB, (P,) each; which of its points are the peaks (K,).
-TakeCurve = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-class SpectrumPlot:
-    """Owns the plot.
-
-    `has_spectrum`: whether the measurement has a spectrum; otherwise each mode is drawn as a stem.
-    """
-
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement, modes: int):
-        self.has_spectrum = measurement.spectrum is not None
-        rows, takes = np.arange(1, modes + 1), np.unique(measurement.takes[:modes]).tolist()
-        self._curves: dict[int | None, TakeCurve] = {None: _curve_through_peaks(measurement, rows)}  # by the take
-        for take in takes if len(takes) > 1 else ():
-            of_take = rows[measurement.takes[:modes] == take]
-            self._curves[take] = _curve_through_peaks(measurement.of_take(take), of_take)
-        what = "at the microphones" if self.has_spectrum else f"of the {row_word(measurement)}s"
-        first, last = self._curves[None][2][[0, -1]].tolist()
-        edge = 0.02 * (last - first) + (0.0 if self.has_spectrum else 1.0)
-        min_level = min(peaks.min() for _, peaks, *_ in self._curves.values())
-        lowest = 10 * float(np.floor((min_level - BELOW) / 10))
-        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
-        self.handle = gui.add_uplot(
-            data=self.columns((), np.inf),
-            series=(
-                uplot.Series(label="Hz"),
-                uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
-                uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
-                uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
-                uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
-            ),
-            title=f"Mean power {what}",
-            legend={"show": False},
-            scales={
-                "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
-                "y": uplot.Scale(range=(lowest, ABOVE)),
-            },
-            axes=(
-                uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
-                uplot.Axis(label="dB re the maximum", labelSize=18, size=40),
-            ),
-            height=240,
-            padding=(12, 14, 0, 0),
-        )
-
-    def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
-        """Return the columns of the plot.
-
-        `used`: modes in the map, counted from 1; `limit`: f_max; `take`: whose modes and spectrum are drawn; None for
-        those of all takes. Returns tuple of (P,) float64, frequency (Hz), curve, dots of modes not in the map, dots of
-        modes in the map, line of f_max (dB).
-        """
-        rows, peaks, x, curve, tops = self._curves[take]
-        inside, columns = np.isin(rows, used), [x, curve, *np.full((3, len(x)), HIDDEN)]
-        for column, chosen in zip(columns[2:], (~inside, inside), strict=False):
-            column[tops[chosen]] = peaks[chosen]
-        if not x[0] < limit < x[-1]:
-            return tuple(columns)
-        at = int(np.searchsorted(x, limit))
-        height = float(np.interp(limit, x, curve)) if self.has_spectrum else HIDDEN
-        line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
-        return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
-
-
-def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurve:
-    """Return the curve of a measurement, or of one take of it, whose modes are called `rows`."""
-    f, (spectrum, peaks) = measurement.frequencies[: len(rows)], spectrum_levels(measurement, len(rows))
-    if spectrum is None:
-        stems = np.repeat(peaks, 3)
-        stems[0::3] = stems[2::3] = HIDDEN
-        return rows, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3)
-    x = np.concatenate([spectrum[0], f])
-    order = np.argsort(x, kind="stable")
-    at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
-    return rows, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at
 
 
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
@@ -121,39 +41,91 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
 
 
 class SpectrumPanel(Tab):
-    """Owns the plot and the text below it."""
+    """Owns the plot, in which each mode of a measurement without a spectrum is drawn as a stem, and the text below."""
 
     where, order = "Map", 4
     interval = 0.25
 
     def __init__(self, binding: Binding):
-        self._binding, gui = binding, binding.gui
+        self._binding, gui, measurement, modes = binding, binding.gui, binding.measurement, binding.modes
+        f, (spectrum, self._peaks) = measurement.frequencies[:modes], spectrum_levels(measurement, modes)
+        self._has_spectrum, self._rows = spectrum is not None, np.arange(1, modes + 1)
+        if spectrum is None:
+            self._x, self._curve, self._at = np.repeat(f, 3), np.repeat(self._peaks, 3), np.arange(1, 3 * modes, 3)
+            self._curve[0::3] = self._curve[2::3] = HIDDEN
+        else:
+            x = np.concatenate([spectrum[0], f])
+            order = np.argsort(x, kind="stable")
+            self._x, self._curve = x[order], np.concatenate([spectrum[1], self._peaks])[order]
+            self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
+        first, last = self._x[[0, -1]].tolist()
+        edge = 0.02 * (last - first) + (0.0 if self._has_spectrum else 1.0)
+        lowest = 10 * float(np.floor((self._peaks.min() - BELOW) / 10))
+        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self._has_spectrum else {}
+        what = "at the microphones" if self._has_spectrum else f"of the {row_word(measurement)}s"
+        marks = {
+            "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
+            "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
+            "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
+        }
+        if self._has_spectrum:
+            marks["mean power"] = f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>"
         with gui.add_folder("Spectrum", expand_by_default=False):
-            self.spectrum = SpectrumPlot(gui, binding.measurement, binding.modes)
-            marks = {
-                "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
-                "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
-                "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
-            }
-            if self.spectrum.has_spectrum:
-                marks["mean power"] = f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>"
+            self.plot = gui.add_uplot(
+                data=self.columns((), np.inf),
+                series=(
+                    uplot.Series(label="Hz"),
+                    uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
+                    uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+                    uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+                    uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+                ),
+                title=f"Mean power {what}",
+                legend={"show": False},
+                scales={
+                    "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
+                    "y": uplot.Scale(range=(lowest, ABOVE)),
+                },
+                axes=(
+                    uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
+                    uplot.Axis(label="dB re the maximum", labelSize=18, size=40),
+                ),
+                height=240,
+                padding=(12, 14, 0, 0),
+            )
             gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
             self.text = gui.add_html("")
 
+    def columns(self, used: tuple[int, ...], limit: float) -> tuple[np.ndarray, ...]:
+        """Return the columns of the plot.
+
+        `used`: modes in the map, counted from 1; `limit`: f_max. Returns tuple of (P,) float64, frequency (Hz), curve,
+        dots of modes not in the map, dots of modes in the map, line of f_max (dB).
+        """
+        x, curve = self._x, self._curve
+        inside, columns = np.isin(self._rows, used), [x, curve, *np.full((3, len(x)), HIDDEN)]
+        for column, chosen in zip(columns[2:], (~inside, inside), strict=False):
+            column[self._at[chosen]] = self._peaks[chosen]
+        if not x[0] < limit < x[-1]:
+            return tuple(columns)
+        at = int(np.searchsorted(x, limit))
+        height = float(np.interp(limit, x, curve)) if self._has_spectrum else HIDDEN
+        line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
+        return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
+
     def inputs(self, state: PageState) -> tuple:
-        """Return the modes of the map, the highest frequency of the array, and the take."""
+        """Return the modes of the map and the highest frequency of the array."""
         binding, choices, shown = self._binding, self._binding.choices, state.view.state
-        used = map_modes(binding.run, shown, choices.modes, choices.map_order, choices.take)
+        used = map_modes(binding.run, shown, choices.modes, choices.map_order)
         problem = binding.run.problem
         limit = array_f_max(shown.positions, problem.sound_speed, problem.dimension)
-        limit = round(limit) if np.isfinite(limit) else limit
-        return used, limit, choices.take
+        return used, round(limit) if np.isfinite(limit) else limit
 
     def show(self, state: PageState) -> None:
         """Let the plot follow the modes of the map."""
         binding, problem = self._binding, self._binding.run.problem
-        used, limit, take = self.inputs(state)
-        self.spectrum.handle.data = self.spectrum.columns(used, limit, take)
+        used, limit = self.inputs(state)
+        self.plot.data = self.columns(used, limit)
         order = None  # L of the expansion of the highest mode (Eq. 3), where a radius is given
         if problem.search is not None and problem.dimension == 2:
             k = problem.wavenumbers[used[-1] - 1 : used[-1]]

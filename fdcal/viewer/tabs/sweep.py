@@ -26,7 +26,6 @@ from ..cost_maps import (
     count_label,
     map_modes,
     modes_label,
-    of_take,
 )
 from ..plots import BLUE, RED, Plot, dots
 from ..scheduler import Memo
@@ -183,7 +182,7 @@ class SweepTab(Tab):
     def _count(self) -> int:
         """Return the place in the sweep of the mode that was added last to the map."""
         choices, run, sequence = self._binding.choices, self._binding.run, self._sequence()
-        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
+        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order)
         last = shown[0] if choices.descending else shown[-1]
         return sequence.index(last) + 1 if last in sequence else len(sequence)
 
@@ -201,7 +200,7 @@ class SweepTab(Tab):
     def _sequence(self) -> tuple[int, ...]:
         """Return the modes in the order in which they are added, as far as a map can sum them."""
         run, choices = self._binding.run, self._binding.choices
-        usable = of_take(run, carried_modes(run, choices.map_order, self._binding.modes) or (1,), choices.take)
+        usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
         modes = tuple(mode for mode in usable if mode <= self.highest.value) or usable[:1]
         return modes[::-1] if choices.descending else modes
 
@@ -260,11 +259,9 @@ class SweepTab(Tab):
         elif self._revision != revision and not self.playing:
             self._wanted = self.worker.requested = None  # its curve is of another state
         if (self.playing or self._revision == revision) and not state.view.running:
-            style = MapStyle("basins" if choices.kind == "basins" else "flat", choices.log)
-            self._wanted = CostMapRequest(
-                revision, state.microphone, self._sequence(), choices.map_order, True, style, False, state.view.state,
-                None, choices.take,
-            )  # fmt: skip
+            style, order = MapStyle("basins" if choices.kind == "basins" else "flat", choices.log), choices.map_order
+            of = revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
+            self._wanted = CostMapRequest(*of)
             self.worker.newest(self._wanted)
         latest, sweep = self.worker.latest, self.made
         error = None if latest is None or latest.request != self.worker.requested else latest.cause
