@@ -40,7 +40,6 @@ class Assessment:
     verdict: str
     message: str
     covariance: np.ndarray  # (N, D, D) float64, metres^2, of each position at the minimum
-    search_spread: np.ndarray  # (N,) float64, metres, distance between the optima of the search; 0 where they agree
     evidence: Evidence
     room: KnownRoom | None = None  # of a solver that knows the room
     channels: Channels | None = None  # of a solver that finds the gains of the channels, or their noise
@@ -90,7 +89,6 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
         code,
         message,
         covariance,
-        frozen_array(size * seen.search, float),
         evidence,
         channels=_channels(estimate, seen, positions, one_sigma(covariance)),
         sound_speed_sigma=speed * estimate.log_speed_sigma or None,
@@ -158,7 +156,6 @@ def _in_room(estimate: RoomEstimate, names: Sequence[str]) -> Assessment:
         code,
         message,
         frozen_array(estimate.covariance, float),
-        np.zeros(len(names)),
         Evidence(estimate.residual, cross.overall, cross.microphones, cross.modes),
         room=KnownRoom(estimate.size, estimate.source, estimate.admittance, images),
     )

@@ -262,9 +262,6 @@ def _few_right(seen: Judged, limit: float) -> bool:
     return few or misplaced > max(1, limit * len(problem.known))
 
 
-IN_AIR = 0.06  # relative error of the sound speed in air, which is 36 K; more means waves in a plate or an obstacle
-
-
 def _impossible_speed(seen: Judged) -> str:
     given = "position of a microphone" if seen.scale is None else "distance"
     c = seen.estimate.problem.sound_speed

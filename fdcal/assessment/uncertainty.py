@@ -95,9 +95,6 @@ class Bound:
 
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     free: np.ndarray  # (N,) bool, microphones that are sought
-    # (D (D + 1) / 2,) float64, one sigma of stretches and shears of the array as a whole, relative, ascending
-    deformations: np.ndarray
-    shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps of these deformations, of unit norm
     scale_sigma: float  # one sigma of the size of the array, relative
     # degrees of freedom of a chi-square that approximates the sum of the squared errors (Satterthwaite), whose relative
     # standard deviation is sqrt(2 / freedom)
@@ -172,19 +169,12 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     free = np.ones(N, bool)
     free[prior.known] = False
     blocks = np.einsum("nanb->nab", P.reshape(N, D, N, D))
-    # Linear deformations x -> x + B x of the array as a whole, fitted to the errors of the positions.
-    centred, axes = x - x.mean(axis=0), np.eye(D)
-    fit = np.kron(np.linalg.pinv(np.column_stack([centred, np.ones(N)]))[:D].T, axes)  # (N D, D D), of B^T
-    maps = [np.outer(axes[a], axes[b]) + np.outer(axes[b], axes[a]) for a in range(D) for b in range(a, D)]
-    maps = np.array([one / np.linalg.norm(one) for one in maps])
-    along = maps.reshape(len(maps), -1) @ fit.T
-    values, vectors = np.linalg.eigh(along @ P @ along.T)
+    centred = x - x.mean(axis=0)
     size = centred.ravel() / np.sum(centred**2)
-    shapes = np.einsum("sm,sab->mab", vectors, maps)
     sought = np.repeat(free, D)
     of_sought = P[np.ix_(sought, sought)]
     freedom = float(np.trace(of_sought) ** 2 / np.sum(of_sought**2))
-    return Bound(blocks, free, np.sqrt(np.maximum(values, 0.0)), shapes, float(np.sqrt(size @ P @ size)), freedom)
+    return Bound(blocks, free, float(np.sqrt(size @ P @ size)), freedom)
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:

@@ -296,8 +296,7 @@ class ForecastRules:
     # dB, greatest ratio that is compared. Channels that are equal to 0.1 dB and 0.5 degrees err by as much as noise 38
     # dB below the signal, so that less noise is of no use
     max_snr_db: float = 40.0
-    # relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is the
-    # accuracy that is wanted by default, 10 mm
+    # relative one sigma of the size from which a plan mentions it: in an array of 1 m it is 10 mm, the default accuracy
     blurred: float = 0.01
     # independent short windows, of all frequencies together, that explain the errors of `python -m benchmarks
     # comparison`; their frequencies; the widest array of which they count, metres
@@ -473,14 +472,6 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
         )
     if bound.scale_sigma > FORECAST.blurred:
         found.append(f"size is determined to {100 * bound.scale_sigma:.2g} % only: give one distance or position more")
-    elif bound.deformations[-1] > FORECAST.blurred:
-        axis = np.linalg.eigh(bound.shapes[-1])[1][:, -1]
-        along = ", ".join(f"{value:.2g}" for value in axis)
-        found.append(f"a stretch along ({along}) is determined to {100 * bound.deformations[-1]:.2g} % only")
-    count = len(request.frequencies)
-    if request.takes * count * 2 < x.size:
-        takes = f" in each of {request.takes} takes" if request.takes > 1 else ""
-        found.append(f"{count} frequencies{takes} for {x.size} coordinates are few: use a wider band")
     return tuple(found)
 
 

@@ -1,8 +1,8 @@
 """The view in the page's address after #: a link opens the same view (`fdcal.model.address`).
 
-The page writes scene, method, step, microphone (none where the map follows the solver), modes and map, or lesson and
-part, which set the rest by themselves; each browser adds its camera. "face", Explore or Expert, is of a browser alone,
-and never comes here (`server/page.js`).
+In a lesson the page writes lesson and part, which determine everything else. Otherwise it writes scene, method, step,
+microphone (none where the map follows the solver), modes and map. Each browser adds its camera. The key "face", Explore
+or Expert, belongs to one browser and is not sent to the server (`server/page.js`).
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from .server.client_values import MAX_COORDINATE, MIN_LENGTH
 from .session_view import Viewer
 from .tabs.lessons import LessonsTab, apply_setting, plain_choices
 
-MAX_MODES_TEXT = 60  # characters of the modes of a map: with the camera a command has room for no more
+MAX_MODES_TEXT = 60  # characters of the modes of a map: a command with the camera has no room for more
 
 
 def camera_of(address: Mapping[str, str]) -> Camera | None:
-    """Return the camera that an address holds; None where it holds none. Raises InputError: it looks at nothing."""
+    """Return the camera in an address; None if there is none. Raises InputError for a camera that looks at nothing."""
     text = address.get("view", "")
     if text.count(",") < 9:
         return None
@@ -59,12 +59,12 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
 
 
 class AddressBar:
-    """Shows what a link names, and keeps the address of all browsers; all but `tick` on viser's event loop."""
+    """Opens links, and keeps the addresses of all browsers up to date; all but `tick` runs on viser's event loop."""
 
     def __init__(self, page: Any, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
-        self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # before there is a session
-        # Until its scene is shown; without a request, that of a lesson.
+        self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # a link that waits for a session
+        # A link whose scene is being prepared: the request (None for the scene of a lesson), the browser, the address.
         self._pending: tuple[OpenRequest | None, viser.ClientHandle, Mapping[str, str]] | None = None
         page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
 
@@ -104,7 +104,7 @@ class AddressBar:
         self._pending = request, client, asked
 
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
-        """Set what differs from what is shown, so that reloading a page changes nothing."""
+        """Apply the parts of an address that differ from what is shown, so that reloading a page changes nothing."""
         binding, now, camera = viewer.binding, parse_address(address_of(viewer)), camera_of(asked)
         keys = {"view"} if "lesson" in asked else set(ADDRESS) - {"scene", "method", "lesson", "part"}
         new = {key: asked[key] for key in ADDRESS if key in keys & asked.keys() and asked[key] != now.get(key)}

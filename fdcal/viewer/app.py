@@ -11,7 +11,7 @@ from .server.hardening import is_loopback, open_server, without_output
 from .server.process import error_log, share_one_heap
 
 BROWSER_TIME = 1.0  # s at most that the session waits for a browser to ask for the page of the opening
-FIRST_PICTURE = 1.0  # s at most from there to the first picture of the film, after which viser's program connects
+FIRST_PICTURE = 1.0  # s at most from then until the film shows its first picture and viser's program connects
 
 
 def serve(
@@ -26,10 +26,10 @@ def serve(
     """Serve the page until Ctrl-C.
 
     `request`: what the page shows first; the opening (`fdcal.viewer.opening`) unless given; `host`: address to listen
-    at; `port`: 0 takes a free port; `on_ready`: called with the page's address as soon as it can be opened; the
-    simulation may still be running then; `lessons`: offered in this order; `begin`: the lesson to
-    start with, whose scene is opened in place of `request`;
-    `on_progress`: called with the progress of the first session in words, and with "" when it is ready or refused.
+    at; `port`: 0 takes a free port; `on_ready`: called with the page's address as soon as it can be opened, perhaps
+    before the simulation has finished; `lessons`: offered in this order; `begin`: the lesson to start with, whose scene
+    is opened in place of `request`; `on_progress`: called with the progress of the first session in words, and with ""
+    when it is ready or refused.
     Raises InputError: the address or the scene cannot be used; StorageError: a file of the scene cannot be read.
     """
     share_one_heap()
@@ -42,9 +42,8 @@ def serve(
             server.gui.set_panel_label("fdcal")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
-            if opens and sent.wait(
-                BROWSER_TIME
-            ):  # the film plays smoothly if the imports below wait for its first picture
+            if opens and sent.wait(BROWSER_TIME):
+                # The film plays smoothly if the imports below wait for its first picture.
                 server.on_client_connect(lambda client: connected.set())
                 connected.wait(FIRST_PICTURE)
             from .scene3d import SceneNodes

@@ -1,10 +1,9 @@
 """The controls of the panels, bound to a session.
 
 A control, its bounds and its effect are declared together: `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With
-`command="snr"` the bar of the face Explore and the keys do the same, by that name (`Binding.carry_out`).
-`server.hardening` drops values that a control cannot have. Callbacks are `async`, so that viser
-runs them in order on its own event loop. None of them blocks. viser sends a property only where it differs from what
-the browsers have.
+`command="snr"` the bar of the face Explore and the keys have the same effect under that name (`Binding.carry_out`).
+`server.hardening` drops values that a control cannot have. Callbacks are `async`, so that viser runs them in order on
+its own event loop. None of them blocks. viser sends a property only if it differs from what the browsers have.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ from .state import Choices, PageState, initial_choices
 Control = TypeVar("Control")
 
 
-RUN_BAR = "run bar"  # in place of a tab: what stands above all of them
+RUN_BAR = "run bar"  # in place of the name of a tab: the controls above all tabs
 
 
 class Tab:
-    """A part of a tab of one session, which creates its controls in `__init__`: a function of the state of the page.
+    """A part of a tab of one session. It creates its controls in `__init__`, and `show` brings them up to date.
 
-    `where`: name of the tab; `order`: of the parts of all tabs, which may use those before; `interval`: s at least
-    between two updates; `plots`: that may have something to send later.
+    `where`: name of the tab; `order`: rank among the parts of all tabs, since a part may use those created before it;
+    `interval`: least time between two updates, s; `plots`: plots of the part, which may still have data to send.
     """
 
     where, order = "", 10
@@ -46,21 +45,21 @@ class Tab:
 
     @classmethod
     def attribute(cls) -> str:
-        """Return the name of the part among `Tabs`: "map" of a MapTab."""
+        """Return the name of the part as an attribute of `Tabs`, such as "map" for a MapTab."""
         return cls.__name__.lower().removesuffix("tab").removesuffix("panel").replace("runbar", "run_bar")
 
     def refresh(self) -> None:
-        """Let what depends on choices and values of controls follow them, after a program has set them."""
+        """Update what depends on choices and values of controls, after the program has set them."""
 
     def inputs(self, state: PageState) -> tuple:
-        """Return what the tab shows of a state: it is updated where one of these has changed."""
+        """Return the parts of a state that the tab shows; it is updated when one of them has changed."""
         return (state,)
 
     def show(self, state: PageState) -> None:
         """Bring the tab up to date."""
 
     def update(self, state: PageState) -> None:
-        """`show` what has changed, not more often than `interval`; called by the main loop."""
+        """Call `show` if the inputs have changed, at most once per `interval`; called by the main loop."""
         for plot in self.plots:
             plot.settle()
         inputs, memo = self.inputs(state), vars(self).setdefault("_memo", Memo())
@@ -78,10 +77,10 @@ class Binding:
 
     `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
-    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: what the page
-    calls a row of the measurement: "mode", or "row" where there are several takes; `sent`: the values that `send` has
-    sent last, by the identity of the control; `frame`: in which the page draws; `state`: what the page shows;
-    `commands`: controls and what they do, by name; `tabs`: Tabs of the session, once they are made.
+    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: the word for a
+    row of the measurement: "mode", or "row" if there are several takes; `sent`: the last values that `send` has sent,
+    by the identity of the control; `frame`: DisplayFrame of the page; `state`: what the page shows; `commands`:
+    controls and their effects by name; `tabs`: Tabs of the session, once they are made.
     """
 
     def __init__(
@@ -107,9 +106,9 @@ class Binding:
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
 
     def on(self, handle: Control, act: Callable[..., object], of_client: bool = False, command: str = "") -> Control:
-        """Call `act(value)` when a client, and not this program, has changed a control; return the control.
+        """Call `act(value)` when a client has changed a control, but not when this program has; return the control.
 
-        `of_client`: whether `act(client, value)` is called instead; `command`: its name in `commands`, if it has one.
+        `of_client`: whether `act(client, value)` is called instead; `command`: name of the control in `commands`.
         """
 
         def answer(client: Any, value: Any) -> None:
@@ -117,7 +116,7 @@ class Binding:
             try:
                 act(*([client] if of_client else []), value)
             except RuntimeError:
-                if not self.closed:  # the controls of a session that is being replaced are gone
+                if not self.closed:  # while a session is being replaced, its controls no longer exist
                     raise
             self._wake()
 
@@ -132,7 +131,7 @@ class Binding:
         return handle
 
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
-        """Do what the control of a command does for the value that a text names; a checkbox changes.
+        """Do what the control of a command does if it gets the value in `text`; a checkbox is toggled.
 
         Raises InputError: the control cannot have that value.
         """
@@ -201,9 +200,9 @@ class Binding:
         self.session.place(microphone, place, gesture)
 
     def send(self, handle, value) -> None:
-        """Set the value of a control where it differs from the one sent last.
+        """Set the value of a control if it differs from the one sent last.
 
-        Where what the user has set is put into `sent`, a slider that is being dragged is not pulled back.
+        A caller that enters the user's own value in `sent` keeps this from pulling back a slider that is being dragged.
         """
         if id(handle) not in self.sent or self.sent[id(handle)] != value:
             self.sent[id(handle)] = value

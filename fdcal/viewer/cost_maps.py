@@ -27,7 +27,6 @@ from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, basin_layer
 from ..graphics.waves import MAX_WAVES, wave_floor
 from ..model.address import Map
 from ..model.measurement import Measurement
-from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError, Reals
 from ..solvers.interface import RunState
@@ -77,6 +76,11 @@ class CostMapRequest:
             for one in (self, wanted)
         )
         return mine == theirs and self.lineage is wanted.lineage
+
+    @property
+    def key(self) -> tuple:
+        """What the costs depend on, however they are drawn."""
+        return self.revision, self.microphone, self.modes, self.order_offset
 
     def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map with another position of one microphone."""
@@ -258,23 +262,6 @@ COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
 COARSE_PIXELS = 80  # of a layer, along its longer edge
 
 
-def terms_of(
-    problem: Problem,
-    request: CostMapRequest,
-    cancelled: Callable[[], bool] = lambda: False,
-    negligible: float = maps.VOLUME_NEGLIGIBLE,
-) -> maps.CostVolume | None:
-    """Return the cost in space of a request, which is that of Eq. 7; None once cancelled."""
-    state, offset = request.state, request.order_offset
-    offset = ORDER_OFFSET if offset is None else offset
-    n, modes = request.microphone, request.modes
-    return maps.cost_volume(problem, state.positions, n, modes, offset, state.channels, cancelled, negligible)
-
-
-def _key(request: CostMapRequest) -> tuple:
-    return request.revision, request.microphone, request.modes, request.order_offset
-
-
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
 LOAD = 4  # times as long as a map takes: a running solver needs the processor, too
 FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
@@ -341,7 +328,7 @@ class CostMapWorker:
 
         In place of a coarse one it is the fine one where that is there already.
         """
-        key, style, position = _key(request), request.style, request.state.positions[request.microphone]
+        key, style, position = request.key, request.style, request.state.positions[request.microphone]
         pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
         if not fine:
             pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
@@ -349,7 +336,10 @@ class CostMapWorker:
         fine = fine or sampled is not None
 
         def sample() -> SampledVolume | None:
-            terms = terms_of(self._run.problem, request, cancelled, negligible)
+            state, n, modes = request.state, request.microphone, request.modes
+            offset = ORDER_OFFSET if request.order_offset is None else request.order_offset
+            of = state.positions, n, modes, offset, state.channels
+            terms = maps.cost_volume(self._run.problem, *of, cancelled, negligible)
             return None if terms is None else sampled_volume(terms, points, cancelled)
 
         if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
@@ -393,7 +383,7 @@ class CostMapWorker:
             total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)
             return total, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
 
-        total, minima = self._costs(compute, _key(request), request.style.kind == "basins")
+        total, minima = self._costs(compute, request.key, request.style.kind == "basins")
         return cost_map(run, request, total, search, minima)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
@@ -406,5 +396,5 @@ class CostMapWorker:
             found = fine_maps(self._run, request, cancelled)
             return None if found is None else (*found[1:], maps.minima_of(*found[1:]))
 
-        found = self._fine_costs(compute, _key(request))
+        found = self._fine_costs(compute, request.key)
         return None if found is None else replace(cost_map(self._run, request, *found), fine=True)

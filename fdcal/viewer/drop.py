@@ -70,6 +70,7 @@ class MicrophonePicker:
     ):
         self._binding, self._picture = binding, picture
         self._count, self._marker = binding.measurement.count, picture.marker_radius
+        self._movable = ~np.isin(np.arange(self._count), binding.run.problem.known)  # a known microphone stays
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
         self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # of each of them: the last move
@@ -99,16 +100,12 @@ class MicrophonePicker:
         handles.on_drag("left")(partial(drag, move))
         handles.on_drag("left", modifier="shift")(partial(drag, place))
 
-    def _movable(self, index: int) -> bool:
-        """Whether a microphone may be dragged: a known one stays."""
-        return index not in self._binding.run.problem.known
-
     def _drag(self, event, move: Move) -> None:
         """Move a microphone to where the line of sight meets its height inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
         index, gesture = event.instance_index, self._gesture.get(event.client_id)
-        if gesture is None or index not in range(self._count) or not self._movable(index):
+        if gesture is None or index not in range(self._count) or not self._movable[index]:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         place = plane_point(eye, point, float(self._shown[index, 2]))
@@ -137,7 +134,7 @@ class MicrophonePicker:
         points = drape(positions, floor, self._marker)
         points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
         places[: self._count] = points + [0.0, 0.0, HANDLE_HEIGHT * self._marker]
-        sizes[: self._count] = [1.0 if self._movable(n) else FIXED for n in range(self._count)]
+        sizes[: self._count] = np.where(self._movable, 1.0, FIXED)
         if ball is not None:
             places[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
         if not np.array_equal(self._sizes, sizes):

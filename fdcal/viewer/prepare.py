@@ -234,27 +234,17 @@ class Preparation:
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
     def execute(self) -> None:
-        """Prepare the run; called on the thread."""
+        """Prepare the run; called on the thread. `error`: InputError where the scene, the measurement or the states
+        cannot be used."""
         try:
             self(0.0)
-            self.run = self.prepare()
-        except Cancelled:
-            pass
+            self.warmup = Warmup(self.request.scene)
+            self.run = _prepare(self.request, self, self.warmup)
         except Exception as error:
-            self.error = error
-        self.done = True
-
-    def prepare(self) -> PreparedRun:
-        """Simulate or take the measurement, pose the problem and start a session.
-
-        Raises InputError: the scene, the measurement or the states cannot be used; Cancelled: `stop` has been set.
-        """
-        self.warmup = Warmup(self.request.scene)
-        try:
-            return _prepare(self.request, self, self.warmup)
-        except BaseException:
+            self.error = None if isinstance(error, Cancelled) else error
+        if self.run is None and self.warmup is not None:
             self.warmup.close(0.0)
-            raise
+        self.done = True
 
 
 def _prepare(opening: OpenRequest, progress: Preparation, warmup: Warmup) -> PreparedRun:

@@ -64,7 +64,7 @@ class State:
 def assessment(verdict, text, **changes) -> Assessment:
     """What the page receives at the end of a run with three microphones, the first one known."""
     covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
-    numbers = dict(covariance=covariance, search_spread=np.zeros(3), evidence=Evidence(1.0))
+    numbers = dict(covariance=covariance, evidence=Evidence(1.0))
     return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
 
 

@@ -34,7 +34,10 @@ def tiny() -> Measurement:
 @contextmanager
 def prepared(opening):
     """What the page shows of a request."""
-    work = Preparation(opening).prepare()
+    preparation = Preparation(opening)
+    preparation.execute()
+    work = preparation.run
+    assert work is not None, preparation.error
     yield work
     work.session.close(2.0)
 
