@@ -88,7 +88,7 @@ def result_sentences(
     if result.cost_db is not None:
         said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
     numbers = result.counted(given)
-    error = "unknown, since the true positions are"
+    error = "unknown, because no true positions are given"
     if result.mean_error is not None and result.max_error is not None:
         truth = truth or ("the nominal positions" if nominal else "the truth")
         faultless = " without a faulty channel" if len(result.healthy) < len(result.names) else ""
@@ -98,7 +98,7 @@ def result_sentences(
         error += f", moved as a whole onto {truth}" if result.aligned else f", against {truth}" if nominal else ""
         error += ", in the nearest of the room's symmetries" if result.room is not None else ""
     if result.uncertainty is not None:
-        error += f"; their one sigma {length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)}"
+        error += f"; one sigma {length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)}"
     said["error"] = error
     if (evidence := result.evidence) is not None:
         overall, each, modes = evidence.leave_one_out_db, evidence.microphones_db, evidence.frequencies_db
@@ -216,7 +216,7 @@ def gain_words(result: Calibration) -> str:
     assert result.channels is not None
     each = (result.channels.gain_db, result.channels.phase_deg)
     gain, phase = (float(np.std(values[result.healthy])) for values in each)
-    return f"spread {gain:.2g} dB and {phase:.2g} degrees"
+    return f"spread {gain:.2f} dB and {phase:.1f} degrees"
 
 
 def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:

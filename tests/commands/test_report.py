@@ -55,10 +55,10 @@ def test_the_end_of_the_run_is_in_the_sense_of_the_verdict(inputs, found, conver
 def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     sought = np.setdiff1d(np.arange(16), inputs.given)
     sigma = length_text(float(np.sqrt(np.mean(found.uncertainty[sought] ** 2))), 2)
-    assert line_of(summary(inputs, found), "error").endswith(f"over the 13 microphones sought; their one sigma {sigma}")
+    assert line_of(summary(inputs, found), "error").endswith(f"over the 13 microphones sought; one sigma {sigma}")
     assert f"one sigma {sigma}" in found.verdict_text, "the verdict has the same number"
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
-    assert line_of(summary(inputs, unknown), "error").endswith(f"their one sigma {sigma}")
+    assert line_of(summary(inputs, unknown), "error").endswith(f"one sigma {sigma}")
 
 
 def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs):
