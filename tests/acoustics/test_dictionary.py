@@ -208,6 +208,9 @@ def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):
     with pytest.raises(InputError, match=words) as caught:
         load_sdm_response(tmp_path / "bad.mat")
     assert len(str(caught.value)) < 1000 + len(str(tmp_path))
+
+
+def test_a_response_that_is_cut_off_or_missing_is_named(tmp_path):
     for content in (response_path("listening_lab").read_bytes()[:5000], b"no MATLAB file"):
         (tmp_path / "bad.mat").write_bytes(content)
         with pytest.raises(InputError, match=r"bad\.mat"):

@@ -469,7 +469,7 @@ def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
 
 
 def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_is_not():
-    truth = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    truth = np.random.default_rng(0).uniform(-0.5, 0.5, (28, 2)) + [2.61, 2.31]
     measurement = measured(truth, np.array([0, 1, 2]), highest=120.0, source=(2.0, 3.2))
     measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
     assert assess(at(measurement, truth)).verdict == "good"

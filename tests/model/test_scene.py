@@ -218,11 +218,8 @@ def test_the_file_of_a_measured_room_is_beside_the_scene(written_room, tmp_path)
     assert scene.room.response == str(tmp_path / "hall.mat")
     with pytest.raises(StorageError, match="hall"):
         measure(scene)
-    shutil.copy(response_path("listening_lab"), tmp_path / "hall.mat")
-    own, shipped = measure(scene), cached_measurement(load_scene("listening_lab"))
-    assert np.array_equal(own.pressures, shipped.pressures)
     (tmp_path / "other").mkdir()
-    shutil.move(tmp_path / "hall.mat", tmp_path / "other" / "hall.mat")
+    shutil.copy(response_path("listening_lab"), tmp_path / "other" / "hall.mat")
     assert load_scene(written_room('room = "other/hall.mat"')).room.response == str(tmp_path / "other/hall.mat")
 
 

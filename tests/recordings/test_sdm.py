@@ -43,10 +43,8 @@ def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
     table = {key: value for key, value in loadmat(response_file).items() if key[0] != "_"}
     expected = load_sdm_response(response_file).amplitudes
     others = {"text": "a room", "list": np.array([1, "b"], dtype=object), "parts": {"a": 1.0}, "z": np.array([1j])}
-    for options in ({"do_compression": True}, {"oned_as": "column"}):
-        savemat(response_file, {**others, **table}, **options)
-        assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
-    for wrong, words in (("text", "p has 1 samples"), (np.full(200, 1.0 + 1j), "p is complex")):
-        savemat(response_file, table | {"p": wrong})
-        with pytest.raises(InputError, match=words):
-            load_sdm_response(response_file)
+    savemat(response_file, {**others, **table}, do_compression=True, oned_as="column")
+    assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
+    savemat(response_file, table | {"p": np.full(200, 1.0 + 1j)})
+    with pytest.raises(InputError, match="p is complex"):
+        load_sdm_response(response_file)

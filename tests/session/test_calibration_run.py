@@ -28,7 +28,9 @@ def blind(remembered_runs):
 
     def run(metres: float, solver: str):
         length = (0, 15, metres * true)
-        return fdcal.calibrate(measurement, known="none", solver=solver, distance=length, estimate_sound_speed=True)
+        return fdcal.calibrate(
+            measurement, known="none", solver=solver, distance=length, estimate_sound_speed=True, modes=20
+        )
 
     return run
 
@@ -49,7 +51,7 @@ def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
 def test_given_positions_that_no_air_explains_are_doubted():
     measurement = fdcal.load("tiny")
     known = {n: 0.85 * measurement.positions[n] for n in (0, 5, 7)}
-    found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True)
+    found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True, modes=20)
     assert found.verdict == "sound_speed"
     assert "the position of a microphone or the sound speed is wrong" in found.verdict_text
 
@@ -62,7 +64,7 @@ def test_solver_robust_estimates_the_sound_speed_too(given):
     slower = replace(measurement, sound_speed=slow, wavenumbers=measurement.wavenumbers / 0.98)
     if "distance" in given:
         given = given | {"distance": (0, 15, float(((x[0] - x[15]) ** 2).sum() ** 0.5))}
-    found = fdcal.calibrate(slower, solver="robust", estimate_sound_speed=True, **given)
+    found = fdcal.calibrate(slower, solver="robust", estimate_sound_speed=True, modes=24, **given)
     assert found.verdict == "good"
     assert found.sound_speed == pytest.approx(measurement.sound_speed, rel=5e-3)
     assert found.max_error < 5e-3

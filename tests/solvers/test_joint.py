@@ -152,7 +152,7 @@ def test_in_the_minimal_gauge_it_does_not_matter_where_the_solver_has_left_the_a
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-3, atol=1e-4 * np.abs(one.covariance).max())
 
 
-@settings_of_hypothesis(max_examples=3, deadline=None, derandomize=True)
+@settings_of_hypothesis(max_examples=2, deadline=None, derandomize=True)
 @given(strategies.integers(0, 10_000), strategies.floats(3.5, 7.0), strategies.floats(0.6, 0.9))
 def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     rng = np.random.default_rng(seed)
