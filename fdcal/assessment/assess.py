@@ -23,7 +23,7 @@ from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenP
 from .channels import exchanged_back, faulty_channels, healthy_channels
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
-from .uncertainty import covariance_of, curvature_of, one_sigma, scale_sigma_of, search_spread_of
+from .uncertainty import covariance_of, one_sigma, scale_sigma_of, search_spread_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 
@@ -32,7 +32,7 @@ ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as i
 class Assessment:
     """The positions at the end of a run and what is known about their quality."""
 
-    # (N, D) float64, metres, at the estimated sound speed where it was estimated, with exchanged channels put right
+    # (N, D) float64, metres, at the estimated sound speed if it was estimated, after exchanges of channels were undone
     positions: np.ndarray
     problem: Problem  # with the same sound speed
     # verdict, message: code of the first finding that applies, and its text with the remedy; the text has arguments in
@@ -113,11 +113,11 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
-    loosest, curvature = 0.0, curvature_of(estimate)
+    loosest, by_model = 0.0, covariance_of(estimate, by_model=True)
     if given.sigma > 0:  # the largest sigma of a given microphone without its own given position; 1 m at most
-        places = zip(problem.known[kept], given.stiffness[kept], strict=True)
-        left = [np.linalg.eigvalsh(np.linalg.inv(curvature[n]) - spring * np.eye(D)) for n, spring in places]
-        loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in left))
+        springs = zip(problem.known[kept], given.stiffness[kept], strict=True)
+        others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - spring * np.eye(D)) for n, spring in springs]
+        loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
     if given.carry_scale:  # the size that an isotropic field shows is no evidence against given positions
         return 1.0, loosest
     return given.probability(kept), loosest

@@ -36,21 +36,21 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
         tau[estimate.problem.known] = contradicted.noise
     tau = np.where(tau * estimate.field.noise_fraction < MIN_NOISE, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
-    alone = np.mean(1 / (terms.precision * variance), axis=0)
-    lost = (alone > UNPREDICTED) & (alone > UNPREDICTED_TO_MEDIAN * np.median(alone))
-    lost[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
+    fraction = np.mean(1 / (terms.precision * variance), axis=0)  # of the variance, which the others do not predict
+    unpredicted = (fraction > UNPREDICTED) & (fraction > UNPREDICTED_TO_MEDIAN * np.median(fraction))
+    unpredicted[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
     # The solver's prior sigma excludes channels with gross faults. Where all channels differ by several decibels, it
     # excludes too many, and the median deviation of all channels is larger.
     scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
     far = np.abs(gains) > np.maximum(GAIN_SIGMAS * np.maximum(channels.spread, scatter), MIN_GAIN)
     filtered = _filtered(estimate, names)
     for n, name in enumerate(names):
-        if n in filtered and tau[n] < MAX_NOISE and not lost[n]:
+        if n in filtered and tau[n] < MAX_NOISE and not unpredicted[n]:
             faulty[n] = filtered[n]
         elif abs(gains[n, 1]) > INVERTED_PHASE and tau[n] < MAX_NOISE:
             faulty[n] = ChannelFault(name, "inverted")
-        elif tau[n] > MAX_NOISE or lost[n]:
-            faulty[n] = _unexplained(estimate, n, name, bool(lost[n]))
+        elif tau[n] > MAX_NOISE or unpredicted[n]:
+            faulty[n] = _unexplained(estimate, n, name, bool(unpredicted[n]))
         elif far[n, 0]:
             faulty[n] = ChannelFault(name, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
         elif far[n, 1]:
@@ -97,7 +97,7 @@ MAX_DELAY = 2e-3
 DELAY_STEP = 1e-5
 
 
-def _unexplained(estimate: Estimate, n: int, name: str, lost: bool) -> ChannelFault:
+def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> ChannelFault:
     """Return the fault of a channel that position and gain do not explain: delayed, dead or noisy."""
     terms = estimate.field.terms
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
@@ -107,10 +107,10 @@ def _unexplained(estimate: Estimate, n: int, name: str, lost: bool) -> ChannelFa
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
     best, undelayed = int(np.argmax(turned)), turned[steps]
-    if not lost and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
+    if not unpredicted and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
         return ChannelFault(name, "delayed", float(delays[best]), "s")
     tau = estimate.channels.noise
-    dead = lost or undelayed < np.sqrt(1 - UNPREDICTED) * norm
+    dead = unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
     return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
 
 
@@ -159,7 +159,7 @@ def shown_positions(estimate: Estimate) -> np.ndarray:
 
 
 def exchanged_back(estimate: Estimate, faulty: Mapping[int, ChannelFault], names: Sequence[str]) -> np.ndarray:
-    """Return the positions (N, D), metres, with exchanges of a free channel and a known one put right."""
+    """Return the positions (N, D), metres, after exchanges of a free channel and a known one were undone."""
     x, shown = np.array(estimate.positions), shown_positions(estimate)
     known = set(estimate.problem.known.tolist())
     for n, fault in faulty.items():

@@ -307,7 +307,7 @@ def _named(faults: Sequence[ChannelFault]) -> str:
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
-    """Whether one microphone has a larger residual than rooms explain, so that it may stand elsewhere.
+    """Whether one microphone has a larger residual than the field of a room explains, so that it may stand elsewhere.
 
     In living rooms and halls its position is usually right all the same. From M frequencies the noise of a channel is
     known with a relative error of about 1 / sqrt(M).
@@ -322,7 +322,9 @@ def _other_minimum_words(seen: Judged) -> str:
     n = seen.noisiest
     assert n is not None
     noise = f"{seen.estimate.channels.noise[n]:.2g} times the noise of the others"
-    return f"microphone {seen.names[n]} leaves {noise}: it may stand elsewhere, or the room does this to a right one"
+    return (
+        f"microphone {seen.names[n]} has {noise}: it may stand elsewhere, or the room causes this at its right position"
+    )
 
 
 # fmt: off
@@ -373,7 +375,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             and seen.noise_fraction > limit,
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
-            "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
+            "", UNEXPLAINED, "unexplained fraction of the power of a measurement said to be free of noise"),
     Finding("sound_speed",  # whatever the sigma, a difference of 15 % is an error
             lambda seen, limit: (seen.scale is not None or seen.estimate.log_speed != 0)
             and abs(seen.speed[0] - 1) > min(limit + 4 * seen.speed[1], 0.15),
@@ -480,7 +482,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
             lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_fraction > limit,
             lambda seen: f"{100 * seen.estimate.noise_fraction:.2g} % of the power is left unexplained; if that is not"
                          f" noise: {ROOM_CAUSES}",
-            "", 3e-3, "share left unexplained where no noise is stated: -25 dB, more than a usual recording has"),
+            "", 3e-3, "unexplained fraction of the power if no noise is given: -25 dB, more than recordings have"),
     Finding("not_converged", lambda seen, _: not seen.estimate.converged,
             lambda _: "the solver stopped while microphones still moved"),
     Finding("known_position", lambda seen, _: bool(seen.displaced),
@@ -498,7 +500,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
 
 
 def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estimate | RoomEstimate) -> tuple[str, str]:
-    """Return the code and the message (words and remedy in one line) of the first finding that applies."""
+    """Return the code of the first finding that applies, and its message: words and remedy in one line."""
     found = next(one for one in findings if one.applies(seen, one.limit))
     words, measured = found.words(seen), estimate.problem.frequencies
     used = len(measured[estimate.modes])

@@ -66,9 +66,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
         centred, targets = points - points[base].mean(axis=0), others[groups]
         middles = targets.mean(axis=1, keepdims=True)
         U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
-        mirror = np.append(
-            np.ones(points.shape[1] - 1), -1.0
-        )  # D points leave open on which side of them the others lie
+        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points do not tell the array from its mirror image
         motions = np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
@@ -86,7 +84,7 @@ def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.nda
     from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
 
     distance = distances(placed, others)
-    beyond = np.maximum(distance - tolerance, 0.0)  # has a small weight
+    beyond = np.maximum(distance - tolerance, 0.0)  # this part has a small weight
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 
@@ -296,8 +294,8 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
         near = 1 / MAX_SCALE < scale < MAX_SCALE  # a ratio near 1 means nothing if the list does not fit
         return check if near else replace(check, scale=scale)
     close = scaled.distances <= 2 * np.median(scaled.distances)
-    spreads = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
-    scale *= float(spreads[0]) / float(spreads[1])
+    radii = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
+    scale *= float(radii[0]) / float(radii[1])
     return replace(_best(found, given / scale), scale=scale)
 
 
@@ -309,13 +307,13 @@ RESOLVED = 0.03
 
 def _best(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison in the order of the list if that fits as well as any other, otherwise in the best order."""
-    ways, spacing, own = matches(found, given), 2 * tolerance_of(given), np.arange(len(given))
-    limit = ALIKE * ways[0].cost + (RESOLVED * spacing) ** 2
-    alike = [match for match in ways if match.cost <= limit]
+    candidates, spacing, own = matches(found, given), 2 * tolerance_of(given), np.arange(len(given))
+    limit = ALIKE * candidates[0].cost + (RESOLVED * spacing) ** 2
+    alike = [match for match in candidates if match.cost <= limit]
     match = min(alike, key=lambda match: np.count_nonzero(match.order != own))
     check = _aligned(match, given)
     if not check.fits:
-        return _aligned(max(ways, key=lambda match: np.count_nonzero(match.order == own)), given)
+        return _aligned(max(candidates, key=lambda match: np.count_nonzero(match.order == own)), given)
     # The order of a rotated array differs in most channels.
     return replace(check, symmetric=any(np.mean(other.order != match.order) > KEPT for other in alike))
 
@@ -352,7 +350,10 @@ IMPROVED = 0.75  # least fraction of the microphones of a cycle whose distance i
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """Return at whose position each microphone stands : (N,) int64; exchanges count only if they improve the fit."""
+    """Return the row of the list at whose position each microphone stands : (N,) int64.
+
+    Only exchanges that improve the fit count.
+    """
     order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
     before = np.linalg.norm(placed - given, axis=1)
     nearer = np.linalg.norm(placed - given[order], axis=1) < SWAPPED * before
@@ -437,7 +438,7 @@ class ListFit:
 
     @property
     def rms(self) -> float:
-        """RMS distance of the rows that are kept from their places, metres."""
+        """RMS error of the rows that are kept, metres."""
         return float(np.sqrt(np.mean(self.errors[self.kept] ** 2)))
 
     @property
@@ -462,24 +463,24 @@ def fit_list(
     signal, whose positions mean nothing. Where array and list agree in most rows, both are right there whatever the
     verdict, and the other rows are wrong. Size and mean error are only judged for a trusted array.
     """
-    rules, own, placed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
-    alive = ~np.isin(np.arange(len(own)), dead)
-    errors, kept = np.zeros(len(own)), alive
+    rules, found, listed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
+    alive = ~np.isin(np.arange(len(found)), dead)
+    errors, kept = np.zeros(len(found)), alive
     for _ in range(3):  # each time without the outliers found before
-        errors = np.linalg.norm(align(own, placed, kept) - placed, axis=1)
+        errors = np.linalg.norm(align(found, listed, kept) - listed, axis=1)
         kept = alive & (errors <= max(3 * float(np.median(errors[alive])), 1e-3))
-    spread = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (placed, own)]
-    ratio = float(spread[0] / spread[1])
-    errors = np.linalg.norm(align(own * ratio, placed, kept) - placed, axis=1)
-    sigma = np.zeros(len(own)) if sigma is None else np.asarray(sigma, float)
+    radii = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (listed, found)]
+    ratio = float(radii[0] / radii[1])
+    errors = np.linalg.norm(align(found * ratio, listed, kept) - listed, axis=1)
+    sigma = np.zeros(len(found)) if sigma is None else np.asarray(sigma, float)
     limit = np.maximum(rules.misplaced, rules.misplaced_sigmas * sigma)
     limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors[alive])))
     fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(alive & (errors > limit)).tolist()))
-    own_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
+    found_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
     # The errors of the array found may all point outwards; those of a list are independent.
-    unsure = float(np.hypot(own_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (spread[1] / np.sqrt(np.sum(kept)))
-    sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * unsure)
-    poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * own_sigma), verdict == TRUSTED
+    scale_sigma = float(np.hypot(found_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (radii[1] / np.sqrt(np.sum(kept)))
+    sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * scale_sigma)
+    poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * found_sigma), verdict == TRUSTED
     misplaced = fit.misplaced if trusted or not poor else ()
     same = tuple(np.flatnonzero(nearest_neighbours(np.asarray(given, float)) < rules.repeated).tolist())
     return replace(fit, misplaced=misplaced, sized=bool(sized) and trusted, poor=poor, trusted=trusted, repeated=same)

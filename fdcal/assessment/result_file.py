@@ -36,7 +36,7 @@ Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
 # Shapes stand last in an annotation: N microphones, D coordinates.
 OfEachMicrophone = Annotated[Vector, "N"]
 OfEachAxis = Annotated[Vector, "D"]
-ABSENT: Any = None  # a key that the file does not have; null is not of the type of such a key
+ABSENT: Any = None  # the default of a key that a file need not have; null in a file is refused
 VERSION = 1  # of a result file
 
 
@@ -181,14 +181,14 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     Raises
     ------
     InputError
-        `text` is no JSON, or a key is missing or malformed.
+        `text` is not JSON, or a key is missing or malformed.
     """
     content = parse_json(text, where)
     if not isinstance(content, dict):
         raise InputError(f"{where} must hold one JSON object with the keys {', '.join(sorted(REQUIRED))}")
     if content.get("fdcal_result") != VERSION:
         found = shown(content.get("fdcal_result"), 20)
-        problem = f"{where} is no result of this version of fdcal (fdcal_result = {found})"
+        problem = f"{where} is not a result of this version of fdcal (fdcal_result = {found})"
         raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result", value=found)
     table = _checked(content, where)
     evidence = room = channels = None
@@ -255,7 +255,7 @@ def load_result(path: str | PathLike[str]) -> Calibration:
     Raises
     ------
     InputError, StorageError
-        The file is no result, or cannot be read.
+        The file does not hold a result, or cannot be read.
 
     Examples
     --------
@@ -286,8 +286,8 @@ def _checked(content: dict, where: str) -> ResultTable:
     try:
         table = msgspec.convert(content, ResultTable)
     except msgspec.ValidationError as error:  # as "Expected `float`, got `str` - at `$.positions[0][1]`"
-        if lacking := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
-            require_key(False, lacking[1])
+        if missing := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
+            require_key(False, missing[1])
         reason, _, place = str(error).rstrip("`").rpartition(" - at `$.")
         key = re.split(r"\W", place)[0]
         reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
@@ -349,12 +349,12 @@ def channel_table(result: Calibration) -> str:
 
 
 def data_frame(self: Calibration) -> Any:
-    """Return a pandas table with one row a microphone, if pandas is installed.
+    """Return a pandas table with one row for each microphone, if pandas is installed.
 
-    Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
-    solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where healthy,
-    and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
-    index are the names.
+    The columns are x, y (and z), metres; known; uncertainty, one sigma in metres; and error, metres, if it is known.
+    A solver that finds the gains adds gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, which is
+    "" for a healthy channel. Given positions add given_x, given_y (given_z) and given_difference, metres, which are
+    NaN for a microphone without one. The names are the index.
 
     Returns
     -------
@@ -372,23 +372,21 @@ def data_frame(self: Calibration) -> Any:
     >>> found.to_dataframe().columns.tolist()[:6]
     ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
     """
-    result = self
     pandas = needs("pandas")
-    axes = "xyz"[: result.positions.shape[1]]
-    columns: dict[str, Any] = dict(zip(axes, result.positions.T, strict=True))
-    if result.known is not None:
-        columns["known"] = [name in result.known for name in result.names]
-    if result.uncertainty is not None:
-        columns["uncertainty"] = result.uncertainty
-    if result.errors is not None:
-        columns["error"] = result.errors
-    columns |= _channel_columns(result)
-    if result.channels is not None and result.channels.given:
-        given = {one.name: one.given for one in result.channels.given}
-        places = np.array([given.get(name, (np.nan,) * len(axes)) for name in result.names])
-        columns |= {f"given_{axis}": column for axis, column in zip(axes, places.T, strict=True)}
-        columns["given_difference"] = np.linalg.norm(result.positions - places, axis=1)
-    return pandas.DataFrame(columns, index=pandas.Index(result.names, name="microphone"))
+    axes = "xyz"[: self.positions.shape[1]]
+    columns: dict[str, Any] = dict(zip(axes, self.positions.T, strict=True))
+    if self.known is not None:
+        columns["known"] = [name in self.known for name in self.names]
+    for name, values in (("uncertainty", self.uncertainty), ("error", self.errors)):
+        if values is not None:
+            columns[name] = values
+    columns |= _channel_columns(self)
+    if self.channels is not None and self.channels.given:
+        positions = {one.name: one.given for one in self.channels.given}
+        given = np.array([positions.get(name, (np.nan,) * len(axes)) for name in self.names])
+        columns |= {f"given_{axis}": column for axis, column in zip(axes, given.T, strict=True)}
+        columns["given_difference"] = np.linalg.norm(self.positions - given, axis=1)
+    return pandas.DataFrame(columns, index=pandas.Index(self.names, name="microphone"))
 
 
 def _channel_columns(result: Calibration) -> dict[str, list]:

@@ -177,21 +177,12 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     return Bound(blocks, free, float(np.sqrt(size @ P @ size)), freedom)
 
 
-def covariance_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance C of each position (N, D, D), metres^2."""
-    step = estimate.spread.step
-    return _blocks(estimate, estimate.spread.covariance) + step[:, :, None] * step[:, None, :]
-
-
-def curvature_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position by the model alone, P : (N, D, D) float64, metres^2."""
-    return _blocks(estimate, estimate.spread.newton)
-
-
-def _blocks(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
-    """The blocks (N, D, D) of the positions in a covariance (N D, N D)."""
-    N, D = estimate.positions.shape
-    return np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
+def covariance_of(estimate: Estimate, by_model: bool = False) -> np.ndarray:
+    """Return the covariance of each position (N, D, D), metres^2: C, or P if it is that `by_model` alone."""
+    (N, D), spread = estimate.positions.shape, estimate.spread
+    covariance = spread.newton if by_model else spread.covariance
+    blocks = np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
+    return blocks if by_model else blocks + spread.step[:, :, None] * spread.step[:, None, :]
 
 
 # Least extent along the shortest axis that is assumed, relative to the longest axis, if short windows determine the

@@ -26,7 +26,10 @@ def end_word(converged: bool, trusted: bool) -> str:
 
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
-    """Return what the solver is doing, or how it ended, as of `end_word`; without a `verdict` it counts as trusted."""
+    """Return what the solver is doing, or how it ended, in the words of `end_word`.
+
+    A run counts as trusted unless another `verdict` is given.
+    """
     if not error and not state.finished and state.best_positions is not state.positions:
         return f"{'Trying' if running else 'Paused at'} another start; the best so far is kept"
     if error or running:
@@ -346,13 +349,13 @@ def _pattern(order: np.ndarray) -> str:
 def _unchanged(check: PositionCheck, verdict: str, untrusted: str, fit: ListFit | None) -> str:
     if not untrusted:
         return "no channels are swapped"
-    misplaced = fit.misplaced if fit is not None else ()  # named by themselves
+    misplaced = fit.misplaced if fit is not None else ()  # `list_faults` names these
     errors, spacing = (np.delete(values, misplaced) for values in (check.errors, check.spacing))
     if len(errors) and np.all(errors < spacing / 2):
         largest, least = (length_text(float(x), 2) for x in (errors.max(), spacing.min()))
         others = " of the others" if misplaced else ""
         return (
-            f"no swap seen: the largest distance{others}, {largest}, is far below the spacing of the microphones,"
+            f"no swap is seen: the largest distance{others}, {largest}, is far below the spacing of the microphones,"
             f" {least}, though the verdict is {verdict}"
         )
     return f"swaps cannot be detected from positions that are {untrusted}"

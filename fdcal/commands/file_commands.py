@@ -204,7 +204,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         found, following = _result(together, paths, found_path), next_take(path)
         answer = "" if replay else _answer(path.name, following.name)
         if answer == "q" or (replay and written == len(replay)):
-            if found is not None and (found.of_list or (found.check is not None and not found.check.agrees)):
+            if found is not None and (found.list_faults or (found.check is not None and not found.check.agrees)):
                 return 5
             return 0 if found is not None and found.result.verdict == "good" else 4
         if answer == "r":

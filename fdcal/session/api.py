@@ -45,11 +45,12 @@ def load(
         Positions of all microphones to compare with, metres: an array, or a table or geometry, such as Acoular's.
         They are never given to a solver.
     sources : int or str, optional
-        Of a file of recordings with several sources: the number of one, from 0 as by default, or "all", each a take.
+        Which source of a file of recordings with several sources: its number, counted from 0 (the default), or "all",
+        which makes each source a take.
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     **options
-        Of recordings alone: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="corners"`,
+        For recordings only: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="corners"`,
         `temperature=21.5`, `frequencies="30:300"`, `split=10.0` (s) or `files="channels"`.
 
     Returns
@@ -80,7 +81,8 @@ def load(
     if options:
         other = next((text for text in texts if not is_recording(text)), None)
         if other is not None:
-            raise InputError(f"{other} holds no recordings, which {', '.join(options)} is for", "leave it out")
+            problem = f"{other} holds no recordings, and {', '.join(options)} is an option of recordings"
+            raise InputError(problem, "leave the option out")
         from ..recordings.recording import ImportOptions  # brings the signal library, which only recordings need
 
         names = [field.name for field in fields(ImportOptions)]
@@ -95,9 +97,9 @@ def load(
         from ..recordings.formats.positions import read_positions
 
         return with_positions(measurement, read_positions(positions), len(set(excluded)))
-    places = require_array("positions", positions, "real", (None, None), "m")
-    placed = MicrophonePositions(tuple(map(str, range(len(places)))), places)
-    return with_positions(measurement, placed, len(set(excluded)))
+    given = require_array("positions", positions, "real", (None, None), "m")
+    listed = MicrophonePositions(tuple(map(str, range(len(given)))), given)
+    return with_positions(measurement, listed, len(set(excluded)))
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:
@@ -132,8 +134,8 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | N
 
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):
-        remedy = f'take the measurement itself: fdcal.load("{chosen.name}")'
-        raise InputError(f"{chosen.name} is a measurement, which nothing simulates", remedy, key="scene")
+        remedy = f'use the measurement itself: fdcal.load("{chosen.name}")'
+        raise InputError(f"{chosen.name} is a measurement, which cannot be simulated", remedy, key="scene")
     with one_blas_thread():
         return scene_input(chosen, progress).measurement
 
@@ -161,16 +163,16 @@ def calibrate(
     ----------
     measurement : Measurement
     known : str, mapping or sequence, optional
-        Microphones whose positions the solver gets: "all" that the measurement knows (as by default), "minimal" or
-        "none"; names or numbers, whose positions the measurement has; or a mapping of these to positions (D,), metres.
+        Microphones whose positions the solver gets: "all" whose positions the measurement has (the default), "minimal"
+        or "none"; names or numbers of microphones; or a mapping of names or numbers to positions (D,), metres.
     solver : str, optional
-        "robust" (as by default), "joint", "descent" or "room".
+        "robust" (the default), "joint", "descent" or "room".
     modes : int, optional
-        Number of modes in use at the end, the lowest first; all, up to what array and solver can use, unless given.
+        Number of modes in use at the end, the lowest first. The default is all that array and solver can use.
     noise : str or float, optional
-        "reported" (as by default), "auto", or the signal-to-noise ratio of each mode, dB.
+        "reported" (the default), "auto", or the signal-to-noise ratio of each mode, dB.
     seed : int, optional
-        Of whatever the solver draws; 0 unless given.
+        Seed of the solver's random numbers; 0 unless given.
     room : sequence of D float, optional
         Size of a rectangular room, metres; implies solver "room".
     exclude : sequence of str or int
@@ -178,18 +180,18 @@ def calibrate(
     estimate_sound_speed : bool
         Whether the sound speed is estimated, too: from the known microphones or `distance`.
     distance : (microphone, microphone, float), optional
-        Two microphones, by name or number, and how far they are apart, metres, where no microphone is known.
+        Names or numbers of two microphones and their distance, metres, for an array without known microphones.
     time_limit : float, optional
         Seconds of processor time after which the best positions so far are assessed, with the verdict
         "not_converged"; 45, more for large arrays. An interrupt does the same.
     settings : SolverSettings, optional
         Settings to begin with, such as those of a scene (`scene.solver`).
     progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
+        Called with the fraction done, 0 to 1, and a note. An exception of this function ends the run.
     **others
-        Any other field of `SolverSettings`, such as `start="random"`, for solver "robust" `gains="fixed"`,
-        `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees) or `known_sigma=0.005` (metres), for "robust"
-        and "joint" `sound_speed_sigma=0.003` (relative).
+        Any other field of `SolverSettings`, such as `start="random"`. Solver "robust" also has `gains="fixed"`,
+        `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees) and `known_sigma=0.005` (metres), and "robust"
+        and "joint" have `sound_speed_sigma=0.003` (relative).
 
     Returns
     -------
@@ -255,9 +257,9 @@ def landscape(
     modes : sequence of int
         Counted from 1.
     calibration : Calibration, optional
-        Where the other microphones are; at their true positions unless given.
+        Gives the positions of the other microphones; the default are their true positions.
     settings : SolverSettings, optional
-        For `weights` and `order_offset`, such as those of a scene (`scene.solver`).
+        Of which `weights` and `order_offset` are used, such as those of a scene (`scene.solver`).
 
     Returns
     -------
@@ -284,7 +286,7 @@ def landscape(
     from ..cost.maps import landscape_panels
 
     if calibration is not None and not isinstance(calibration, Calibration):
-        problem = f"calibration = {shown_literal(calibration)} is none"
+        problem = f"calibration = {shown_literal(calibration)} must be a Calibration"
         raise InputError(problem, "give what fdcal.calibrate returns", key="calibration", value=calibration)
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
@@ -296,20 +298,20 @@ def landscape(
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
-    """Return a list of names or numbers of microphones as texts. Raises InputError for a single one."""
+    """Return a list of names or numbers of microphones as texts; InputError for a single name that is not in a list."""
     remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
     return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
 
 def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
-    """Return the entries of a list. Raises InputError for a text, or for a value that cannot be iterated."""
+    """Return the entries of a list; InputError for a text, or for a value that cannot be iterated."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
-        raise InputError(f"{key} = {shown_literal(values)} is no list of {what}", remedy, key=key, value=values)
+        raise InputError(f"{key} = {shown_literal(values)} must be a list of {what}", remedy, key=key, value=values)
     return list(values)
 
 
 def require_inputs(measurement: Any, settings: Any, function: str) -> None:
-    """Raise InputError unless a function of that name gets a measurement, and the settings of a solver or None."""
+    """Raise InputError unless `measurement` is one, and `settings` are those of a solver or None."""
     if not isinstance(measurement, Measurement):
         problem = f"{function} takes a measurement, not {type(measurement).__name__}"
         raise InputError(problem, f"load it first: fdcal.{function}(fdcal.load(...))", key="measurement")

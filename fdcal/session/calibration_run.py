@@ -1,6 +1,6 @@
 """Run a solver to its end and return a `Calibration`: for the command line and for Python.
 
-First what is to be calibrated is checked, then the solver runs, then its last state is assessed.
+The input is checked, the solver runs, and its last state is assessed.
 """
 
 import time
@@ -29,10 +29,10 @@ from .sources import CalibrationInput, ProgressReport
 
 
 def require_length(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError where the sound speed is asked for without a known length, or with two."""
+    """Raise InputError if the sound speed is to be estimated without a known length, or with two."""
     needs_room = load(inputs.settings.name).TRAITS.needs_room
     if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
-        fault = "a known room fixes size and place"
+        fault = "a known room fixes the size and the position of the array"
         raise InputError(fault, "leave out <estimate_sound_speed> and <known> minimal", key="room")
     if inputs.distance is not None:
         if not inputs.estimate_sound_speed:
@@ -49,7 +49,7 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
 
 
 def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError where the solver cannot find the array, which is outside of the search domain or the room."""
+    """Raise InputError if the solver cannot find the array, as one outside of the search domain or the room."""
     measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
     truth, search = measurement.positions, measurement.search
     if truth is not None and search is not None and traits.needs_search:
@@ -76,9 +76,9 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
 def assess_state(
     inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS
 ) -> Assessment:
-    """Assess the last state of a run; `wording`: how the verdict's text calls the arguments that it mentions."""
+    """Return the assessment of the last state of a run; `wording`: names of the arguments in the verdict's text."""
     estimate, scale = load(inputs.settings.name).result(problem, state), None
-    if inputs.distance is not None:  # the factor of size and sound speed: the distance given over the one found
+    if inputs.distance is not None:  # size and sound speed change by the ratio of the given distance to the one found
         pair = distance_pair(inputs)
         apart = float(np.linalg.norm(np.subtract(*np.asarray(state.positions)[list(pair)])))
         if not apart > 0:
@@ -88,7 +88,7 @@ def assess_state(
     found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
     if problem.frame is None:
         return found
-    rotation = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
+    rotation = turn_to_frame(found.positions, problem.frame)  # a run that was stopped may have ended in another frame
     positions = frozen_array(move_to_frame(found.positions, problem.frame), float)
     return replace(found, positions=positions, covariance=frozen_array(rotation.T @ found.covariance @ rotation, float))
 
@@ -111,11 +111,11 @@ def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessm
     return kept if len(kept) else sought
 
 
-FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
+FREE_SOUND_SPEED = 0.05  # relative, one sigma of a sound speed before it is estimated: 30 K in air
 
 
 def problem_of(inputs: CalibrationInput) -> Problem:
-    """Return what the solver sees of a measurement, with the known microphones that the settings leave it."""
+    """Return what the solver gets of a measurement, with the known microphones that the settings allow."""
     return inputs.measurement.problem(inputs.settings.weights, inputs.settings.known)
 
 
@@ -124,15 +124,15 @@ def states_of(
 ) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
-    `progress`: called with the fraction done, 0 to 1, which is 0 where it is unknown, and a note; what it raises ends
-    the run.
+    `progress` is called with the fraction done, 0 to 1, or 0 if it is unknown, and a note. An exception of this
+    function ends the run.
     """
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
     adds_modes = load(inputs.settings.name).TRAITS.adds_modes
     require_possible(inputs, problem)
 
     def shown(state: RunState) -> RunState:
-        if progress is not None:  # no solver knows how many sweeps are left
+        if progress is not None:  # the number of sweeps is not known before the end
             done = (state.last - 1) / last if adds_modes else 0.0
             progress(done, f"{state.last} modes, sweep {state.sweep}")
         return state
@@ -147,15 +147,15 @@ def solve(
     clock: Callable[[], float] = time.process_time,
     keep: bool = False,
 ) -> Calibration:
-    """Run the solver to its end and assess the positions, with one thread of BLAS; parameters as of the others here.
+    """Run the solver to its end, with one thread of BLAS, and return the calibration.
 
-    `keep`: whether the result can be shown. `clock`: seconds by which the solver's time is limited. An interrupt of the
-    solver ends it, as `inputs.time_limit` does: the best positions so far are assessed, with the verdict
-    "not_converged".
+    If `keep` is set, `show` can play the run. `clock` measures the time of the solver, s. `progress` is as of
+    `states_of`, `wording` as of `assess_state`. An interrupt ends the solver, as `inputs.time_limit` does: the best
+    positions so far are assessed, with the verdict "not_converged".
     """
     settings = inputs.settings
     free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
-    if free and not load(settings.name).TRAITS.needs_room:  # a solver that has a sigma of the sound speed estimates it
+    if free and not load(settings.name).TRAITS.needs_room:  # with a sigma of the sound speed a solver estimates it
         inputs = replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
     problem = problem_of(inputs)
     require_length(inputs, problem)
@@ -163,22 +163,22 @@ def solve(
         convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
     with one_blas_thread():
-        # Before the first run only the coherence tells the size of the array. If the number of modes was left open and
-        # as much time is left as the first run took, a second run uses the modes that the array found can interpolate.
+        # Before the first run the size of the array is estimated from the coherence only. If nobody chose the number of
+        # modes and enough time is left, a second run uses the modes that the array found can interpolate.
         note = ""
         while True:
             limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
             state, stopped, end = last_state(inputs, progress, problem, clock)
-            with Interrupt() as interrupt:  # what the solver has found is not lost
+            with Interrupt() as interrupt:  # an interrupt must not discard the positions that were found
                 found = assess_state(inputs, problem, state, wording)
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
             rerun = inputs.all_modes and found.verdict == "undersampled" and not interrupt.received
             left = end - clock() if rerun else -np.inf
-            faulty = found.channels.faulty if found.channels else ()  # a dead one may stand anywhere
+            faulty = found.channels.faulty if found.channels else ()  # the position of a dead one is arbitrary
             healthy = found.positions[[name not in faulty for name in inputs.measurement.names]]
             fewer = modes_below_limit(problem, healthy) if left >= limit / 2 else 0
-            if not needed_modes(problem) <= fewer < inputs.settings.modes:  # fewer are no remedy
+            if not needed_modes(problem) <= fewer < inputs.settings.modes:
                 break
             settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
             inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
@@ -190,7 +190,7 @@ def solve(
     measurement = inputs.measurement
     positions, covariance = found.positions, found.covariance
     blind = problem.frame is None and not len(problem.known) and found.room is None
-    if blind and np.isfinite(positions).all():  # nothing but the array itself fixes a frame: see `Calibration.frame`
+    if blind and np.isfinite(positions).all():  # the axes are those of the array itself: see `Calibration.frame`
         axes = principal_axes(positions)
         positions, covariance = (positions - positions.mean(axis=0)) @ axes, axes.T @ covariance @ axes
     again = partial(run, problem, inputs.settings, inputs.seed)
@@ -224,9 +224,9 @@ def solve(
 def last_state(
     inputs: CalibrationInput, progress: ProgressReport | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str, float]:
-    """Return the state at the end of a run, why it ended before the solver did ("" if it did not), and its deadline.
+    """Return the last state of a run, why it was stopped ("" if the solver finished), and its deadline.
 
-    InputError where the time is used up before there are positions.
+    InputError if the time is used up before there are positions.
     """
     limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
     end, states, state = clock() + limit, states_of(inputs, progress, problem), None
@@ -251,10 +251,10 @@ def last_state(
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.eq7`.
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, see `fdcal.cost.eq7`.
 
-    A problem without a search domain gets one round the positions found, as on the page. None where a position is not
-    finite, or the microphones are too few for any mode.
+    A problem without a search domain gets one around the positions found, as on the page. None if a position is not
+    finite, or if the microphones are too few for any mode.
     """
     problem = found.problem
     if not np.isfinite(found.positions).all():
@@ -273,10 +273,10 @@ DOMAIN_SECONDS = 20.0  # of processor time for the estimate
 def with_estimated_domain(
     measurement: Measurement, settings: SolverSettings, seed: int, progress: ProgressReport | None = None
 ) -> Measurement:
-    """Return a measurement with a search domain: its own, or one round an estimate of the positions.
+    """Return a measurement with a search domain: its own, a known room, or one around an estimate of the positions.
 
-    The solver of the run estimates the positions, so that they are in its axes, or, of a blind array, in those of the
-    true positions; the default solver does so for one that needs a search domain. A known room is the domain itself.
+    The solver of the run makes the estimate, so that it has the same axes; if that solver needs a search domain, the
+    default solver does. The estimate of a blind array is moved onto the true positions.
     """
     if measurement.search is not None:
         return measurement

@@ -5,12 +5,12 @@ wrapped      whether the beginning of impulse responses stands at their end
 synchronous  whether the channels share one clock (`fdcal.recordings.synchrony`)
 field        whether a sound field between the microphones predicts each of them, better than the mean of the others
              does, which is a field of order 0
-measured     whether the low frequencies are those of a sound field, too, or only the arrival times fit, as in a
-             simulation by rays
+measured     whether the low frequencies are those of a sound field, too; in a simulation by rays only the arrival times
+             fit
 channels     which channels differ in polarity, gain, delay, bass or noise
 list         whether a list of positions fits the array found: order, size, single microphones
 
-Positions, gains and faults are those of `fdcal.session.calibration_run.solve`: nothing is inferred here in another way.
+Positions, gains and faults are those of `fdcal.session.calibration_run.solve`.
 """
 
 import contextlib
@@ -40,24 +40,26 @@ from .sources import CalibrationInput, ProgressReport, compared_with_file, is_re
 
 @dataclass(frozen=True)
 class DoctorRules:
-    """When a finding is a fault; figures are of three draws of each set of `python -m benchmarks doctor`."""
+    """Limits beyond which a finding is a fault; the figures are from `python -m benchmarks doctor`."""
 
-    # fraction of the frequencies, the lowest, by which the field is judged: the measured array has -25 dB, as by a
-    # fifth of them, and -11 dB by all
+    # The field is judged by this fraction of the frequencies, the lowest. The measured array has -25 dB with a third or
+    # a fifth of them, and -11 dB with all.
     lowest: float = 1 / 3
-    # leave-one-out error above which there is no sound field between the microphones: -18 dB or less of sets without a
-    # fault, -2.5 and -3.4 dB of simulations by rays
+    # Leave-one-out error above which there is no sound field between the microphones. Recordings without a fault have
+    # -18 dB or less, simulations by rays -2.5 and -3.4 dB.
     field_db: float = -8.0
-    # Hz, below which any room has a sound field that few microphones sample: up to 100 or 200 Hz errors differ from
-    # those up to 150 Hz by 3.5 dB at most
+    # Hz, below which few microphones sample the sound field of any room. With 100 or 200 Hz instead of 150 Hz the
+    # errors differ by 3.5 dB at most.
     low_frequency: float = 150.0
-    fewest: int = 6  # frequencies below it: levels scatter by up to 6 dB, so that a mean of six is known to 2.5 dB
-    arrivals: float = 3e-3  # metres, median misfit of arrival times that fit: 0.05 to 0.9 mm
-    # frequencies at which the channels of a stationary source are coherent: 122 or more at 0 dB and 26 at -5 dB, 7 to
-    # 17 where each channel is another recording
+    # Least number of frequencies below it. Levels scatter by up to 6 dB, so that a mean of six is known to 2.5 dB.
+    fewest: int = 6
+    arrivals: float = 3e-3  # metres, median misfit up to which arrival times fit; those that fit have 0.05 to 0.9 mm
+    # Least number of frequencies at which the channels are coherent with a stationary source: 122 or more at 0 dB and
+    # 26 at -5 dB; 7 to 17 if each channel is another recording.
     rows: int = 20
-    size_sigmas: float = 4.0  # of a list whose size is off: at most 2.8 of lists that are right
-    speed: float = 0.05  # relative, one sigma of the sound speed before it is sought: 30 K
+    # Difference of the size of a list from 1, in sigmas, above which the size is wrong; right lists have 2.8 at most.
+    size_sigmas: float = 4.0
+    speed: float = 0.05  # relative, one sigma of the sound speed before it is estimated: 30 K
 
 
 DOCTOR_RULES = DoctorRules()
@@ -71,7 +73,8 @@ def examine(
 ) -> Iterator[Answer]:
     """Yield the findings about recordings, a measurement or a scene, each as soon as it is known.
 
-    `positions`: file of a list to compare with, else those that the recording, measurement or scene holds are.
+    `positions`: file of a list to compare with; without it, the positions that the recordings, the measurement or the
+    scene hold are compared.
     """
     texts = [sources] if isinstance(sources, str) else list(sources)
     if all(map(is_recording, texts)):
@@ -107,7 +110,7 @@ def examine(
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
-    """Channels whose clock differs; those that cannot be used at all are no matter of it."""
+    """Return which channels have another clock than the others; channels that cannot be used are left out."""
     names, faults, unknown, worst, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, 0.0
     for one, state in zip(takes, health, strict=True):
         impulse = one.kind == "impulse" or options.kind == "impulse"
@@ -118,7 +121,7 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
         faults = found.faults(usable) | faults
         unknown |= set(found.unknown(usable))
         over = np.abs(found.delays) / found.limit[:, None]
-        if np.isfinite(over[:, 1:]).any() and np.nanmax(over) > worst:  # the take that shows most
+        if np.isfinite(over[:, 1:]).any() and np.nanmax(over) > worst:  # the text quotes the largest delay
             worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
     listed = [f"{name}: {clock_words(*fault)}" for name, fault in faults.items()]
     few = [name for name in names if name in unknown and name not in faults]
@@ -134,13 +137,13 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
 
 
 def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressReport | None) -> Iterator[Answer]:
-    """What the calibration says of field, channels and list."""
+    """Yield the findings of a calibration about field, channels and list."""
     measurement = inputs.measurement
     try:
         result = solve(inputs, progress, keep=True)
     except InputError as error:
         rows = len(measurement.frequencies)
-        few = stationary and rows < DOCTOR_RULES.rows  # of a stationary source those at which the channels are coherent
+        few = stationary and rows < DOCTOR_RULES.rows  # a stationary source gives the frequencies of coherent channels
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
         yield Answer("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         if measurement.positions is not None:
@@ -148,9 +151,9 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
-        # the calibration that begins at the list counts, where it explains the pressures better than the blind one
+        # A second calibration begins at the list. It counts if it explains the pressures better than the blind one.
         listed = np.asarray(measurement.positions)
-        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one at least must be sought
+        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # a solver must seek one at least
         known = replace(measurement, known=every, known_positions=listed[every])
         with contextlib.suppress(InputError):
             settings = replace(inputs.settings, known="all")
@@ -158,7 +161,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
             result = given if _errors(given)[0] < _errors(result)[0] - 1.0 else result
     yield from _field(measurement, result)
     if (channels := result.channels) is None:
-        yield Answer("channels", "unknown", "nothing is known of gains")
+        yield Answer("channels", "unknown", "the solver did not find the gains")
     else:
         differing = [one for one in channels.faults if one.kind not in OF_LIST]
         text = faults_text(differing) or f"gains {gain_words(result)}"
@@ -170,9 +173,10 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
 
 
 def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Leave-one-out error of the lowest frequencies by a sound field, and by the mean of the others, dB.
+    """Return leave-one-out errors, dB, and the frequencies, Hz.
 
-    The last two are that of each frequency by the field, dB, and the frequencies, Hz.
+    The first two are those of the lowest frequencies, predicted by a sound field and by the mean of the others. The
+    third is that of each frequency by a sound field.
     """
     assert result.run is not None
     problem, healthy = result.run.problem, np.zeros(len(result.names), bool)
@@ -198,7 +202,7 @@ def _mean_db(levels: np.ndarray) -> float:
 
 
 def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
-    """Whether there is a sound field, and whether it is a measured one."""
+    """Return whether there is a sound field, and whether it was measured rather than simulated by rays."""
     overall, mean_db, by_field, f = _errors(result)
     low = f <= DOCTOR_RULES.low_frequency
     low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
@@ -212,7 +216,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     misfit = arrival_misfits(problem, np.asarray(result.positions))
     if misfit is None:
         return [field, Answer("measured", "unknown", "no direct sound by which to compare arrivals and field")]
-    if measurement.positions is not None:  # which the arrivals may fit where the array was not found
+    if measurement.positions is not None:  # the arrivals may fit the list although the array was not found
         listed = arrival_misfits(problem, np.asarray(measurement.positions))
         misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
     median = float(np.nanmedian(misfit))
@@ -231,14 +235,16 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
 def _size(
     inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: ProgressReport | None
 ) -> tuple[float, float]:
-    """Return the size of a list over that of the array, and one sigma of it; infinite where it is not known.
+    """Return the size of a list over that of the array, and one sigma of this ratio, infinite if it is unknown.
 
-    Where the shape is given the pressures say far more of the size than without: the positions that are `right` are
-    given, with one sigma of each coordinate, metres, and the sound speed is sought, since k r alone counts.
+    The pressures determine the size far better if the shape is given. A calibration therefore gets the positions that
+    are `right`, with one `sigma` of each coordinate, metres, and estimates the sound speed: only k r matters, so that
+    the ratio of the sound speeds is that of the sizes.
     """
     known = np.flatnonzero(right)
     if len(known) == len(listed):
-        known = np.delete(known, int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1))))  # one is sought
+        central = int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1)))
+        known = np.delete(known, central)  # a solver must seek one microphone at least
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
@@ -246,31 +252,30 @@ def _size(
         found = solve(given, progress)
     except InputError:
         return 1.0, np.inf
-    c, speed, spread = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
-    if speed is None or spread is None or found.verdict == "not_converged":
+    c, speed, speed_sigma = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma
+    if speed is None or speed_sigma is None or found.verdict == "not_converged":
         return 1.0, np.inf
-    return speed / c, spread / c
+    return speed / c, speed_sigma / c
 
 
 def list_fit(
     inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport | None = None
 ) -> ListFit:
-    """Return how the list of a measurement fits row by row, which `check` has found to fit as a whole.
+    """Return how each row of the list of a measurement fits, after `check` has found that the list fits as a whole.
 
-    Where the array found is of another size, the size is that at which the shape of the list explains the pressures, if
-    another calibration finds it.
+    If the array found has another size than the list, a second calibration with the shape of the list gives the size.
     """
     listed = np.asarray(inputs.measurement.positions)
     fit = fit_result(check, result, listed)
-    off_alone = abs(fit.scale - 1) > LIST_RULES.scale / 2  # the array found, its shape free, must show it, too
-    if check.scale != 1 or not off_alone or result.verdict in ("scale_undetermined", "not_converged"):
+    differs = abs(fit.scale - 1) > LIST_RULES.scale / 2
+    if check.scale != 1 or not differs or result.verdict in ("scale_undetermined", "not_converged"):
         return fit
     right = ~np.isin(np.arange(len(listed)), fit.misplaced)
     size, sigma = _size(inputs, listed[check.order], right, fit.rms / np.sqrt(listed.shape[1]), progress)
     if not np.isfinite(sigma):
         return fit
     off, limit = abs(size - 1), LIST_RULES.scale
-    # else the search with the shape of the list went elsewhere
+    # Unless both calibrations agree, the second one has found another array.
     confirmed = abs(size - fit.scale) < limit and (size - 1) * (fit.scale - 1) > 0
     return replace(fit, scale=size, sized=confirmed and off > max(limit, DOCTOR_RULES.size_sigmas * sigma))
 
@@ -278,7 +283,7 @@ def list_fit(
 def _list(
     inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport | None
 ) -> Answer:
-    """Whether the list fits: its order, its size, and each microphone."""
+    """Return whether the list fits: its order, its size, and each microphone."""
     measurement = inputs.measurement
     listed, names = np.asarray(measurement.positions), measurement.names
     if result.known:  # the calibration began at the list
@@ -294,7 +299,7 @@ def _list(
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
-    unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing of the list
+    unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array tells nothing about the list
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"

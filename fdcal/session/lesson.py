@@ -1,4 +1,4 @@
-"""Lessons: files of steps, each a text, a question and what it sets on the page.
+"""Lessons: files of steps, each with a text, a question and settings of the page.
 
 LessonSetting, LessonStep, Lesson   what a file holds; `load_lesson` reads and checks it
 LessonProgress          where in the lessons the page is
@@ -39,7 +39,7 @@ RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 @dataclass(frozen=True)
 class LessonSetting:
-    """What a step sets on the page, in this order; None leaves a control as it is."""
+    """The settings that a step makes on the page, in this order; None leaves a control as it is."""
 
     # name of a scene that comes with fdcal, or a .toml file beside the lesson; the solver restarts
     scene: str | None = None
@@ -49,8 +49,8 @@ class LessonSetting:
     reset: bool | None = None  # restart in the same scene
     modes: str | None = None  # in use by the solver, as "1-20"
     automatic: bool | None = None  # whether the solver adds modes by itself
-    run: str | None = None  # "end", or so far as "3 sweeps", "1 step", "2 stages"
-    # a moment of the run and a view, as an address names them: "step=12&microphone=9"
+    run: str | None = None  # how far the solver runs: "end", "3 sweeps", "1 step", "2 stages"
+    # a state of the run and a view, written as in an address: "step=12&microphone=9"
     frame: str | None = None
     microphone: int | None = None  # whose map is shown, from 0
     follow: bool | None = None  # whether the map is that of the microphone which the solver moves
@@ -61,12 +61,12 @@ class LessonSetting:
     order_offset: Annotated[int, within(0, MAX_ORDER_OFFSET)] | None = None
     scale: Scale | None = None  # of the map
     minima: bool | None = None  # whether the local minima of the map are marked and counted
-    # trails, ellipses: drawn or not
+    # trails, ellipses: whether they are drawn
     trails: bool | None = None
     ellipses: bool | None = None
     verdict: bool | None = None  # whether the result is assessed, and faulty channels are marked
-    panel: Panel | None = None  # what stands below the text: a plot or a list
-    marks: tuple[int, ...] = ()  # microphones that are pointed out, with their errors, once the run has ended
+    panel: Panel | None = None  # the plot or list below the text
+    marks: tuple[int, ...] = ()  # microphones that are marked, with their errors, after the run has ended
     view: View | None = None
 
     @property
@@ -80,7 +80,7 @@ class LessonSetting:
         return LessonSetting.__dataclass_fields__
 
     def unfolded(self) -> LessonSetting:
-        """Return the setting with the values of its frame, where they are not given by themselves."""
+        """Return the setting with the values of its `frame` in the fields that are not set."""
         if self.frame is None:
             return self
         parts, values = parse_address(self.frame), dict[str, typing.Any]()
@@ -88,7 +88,7 @@ class LessonSetting:
             values |= {"microphone": int(parts["microphone"]), "follow": False}
         if "trails" in parts:
             values["trails"] = parts["trails"] == "on"
-        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera belongs to one window
+        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera suits one window only
             values["view"] = "3d" if numbers else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
         given = {name: value for name, value in vars(self).items() if value not in (None, ())}
@@ -99,7 +99,7 @@ class LessonSetting:
 class LessonStep:
     """Text, a question and settings.
 
-    `page` applies when the step is shown, `then` with the reveal; `answer` counts from 1.
+    `page` applies when the step is shown, `then` when the answer is revealed; `answer` counts from 1.
     """
 
     text: str
@@ -120,7 +120,7 @@ class LessonStep:
 
 @dataclass(frozen=True)
 class Lesson:
-    """Title and steps; `name` and `folder` are those of its file and are not written in it."""
+    """Title and steps of a lesson; `name` and `folder` are those of its file and not keys of it."""
 
     title: str
     steps: tuple[LessonStep, ...]
@@ -130,10 +130,10 @@ class Lesson:
     OPTIONAL: typing.ClassVar = ("name", "folder")
 
     def start(self, number: int, revealed: bool = False) -> tuple[Scene, int] | None:
-        """Return the scene and the seed of step `number`, counted from 0, before or after its reveal.
+        """Return the scene and the seed of step `number`, counted from 0, before or after its answer is revealed.
 
-        The last step with a `scene` or `changes` counts; changes alone apply to the last scene named. None if no step
-        up to this one names a scene.
+        The last step with a `scene` or `changes` determines it; changes without a scene apply to the last scene named.
+        None if no step up to this one names a scene.
         """
         name, last = None, None
         every = [setting for step in self.steps[: number + 1] for setting in (step.page, step.then)]
@@ -173,7 +173,7 @@ class LessonProgress:
 
 
 def run_target(run: str) -> tuple[Literal["end"] | Unit, int]:
-    """Return what a checked `run` asks for: ("end", 0), or "step", "sweep" or "stage" and how many."""
+    """Return what a checked `run` means: ("end", 0), or "step", "sweep" or "stage" and their number."""
     match = RUN.fullmatch(run)
     return (typing.cast(Unit, match[2]), int(match[1])) if match else ("end", 0)
 
@@ -181,9 +181,9 @@ def run_target(run: str) -> tuple[Literal["end"] | Unit, int]:
 def states_of_lesson(
     parts: Iterable[LessonSetting], problem: Problem, settings: SolverSettings, seed: int
 ) -> list[list[RunState]]:
-    """Return the states that the page shows for each part of a lesson, all of which have one scene.
+    """Return the states that the page shows for each part of a lesson; all parts have the same scene.
 
-    The first state is that at which the part begins, the others are those of its run.
+    The first state of a part is the one at which it begins, the others are those of its run.
     """
     solver = solvers.load(settings.name)
     state = begun = solver.init(problem, solvers.with_mode_count(problem, settings), seed)
@@ -231,29 +231,30 @@ def load_lesson(path: str | Path) -> Lesson:
     return lesson
 
 
-Fault = tuple[object, str, str, str]  # whether there is one; key, what is wrong with it, and the remedy
+Fault = tuple[object, str, str, str]  # whether the fault exists; its key, what is wrong with it, and the remedy
 
 
 def check(lesson: Lesson) -> None:
-    """Raise InputError if no page could show a lesson."""
+    """Raise InputError if a page could not show a lesson."""
     none = not lesson.steps or lesson.steps[0].page.scene is None
-    _refuse("steps[1].", [(none, "page.scene", "is missing", 'name a scene, as "tiny", that the lesson begins with')])
+    remedy = 'name the scene with which the lesson begins, such as "tiny"'
+    _refuse("steps[1].", [(none, "page.scene", "is missing", remedy)])
     scene = None
     for number, step in enumerate(lesson.steps):
-        place, count = f"steps[{number + 1}].", len(step.choices)
+        prefix, count = f"steps[{number + 1}].", len(step.choices)
         wrong_count = bool(step.question) != bool(count) or count == 1 or count > MAX_CHOICES
         choices = f"give 2 to {MAX_CHOICES} with a question, none without"
         added = "add a question and choices, or remove it and the settings of `then`"
-        _refuse(place, [
-            (not step.text.strip(), "text", '= "" says nothing', "write a few sentences"),
+        _refuse(prefix, [
+            (not step.text.strip(), "text", "is empty", "write a few sentences"),
             (wrong_count, "choices", f"has {count} entries", choices),
             ((count or step.answer) and not 1 <= step.answer <= count, "answer",
              f"= {step.answer} is none of the {count} choices", "count them from 1"),
-            (count and not step.reveal.strip(), "reveal", '= "" leaves the question open', "write the answer and why"),
+            (count and not step.reveal.strip(), "reveal", "is empty", "write the answer and the reason"),
             (not count and (step.reveal or step.then != LessonSetting()), "reveal", "has no question before it", added),
         ])  # fmt: skip
         for part, setting in (("page", step.page), ("then", step.then)):
-            key = f"{place}{part}."
+            key = f"{prefix}{part}."
             if setting.begins:
                 try:
                     start = lesson.start(number, part == "then")
@@ -267,39 +268,40 @@ def check(lesson: Lesson) -> None:
             _check_setting(key, setting, scene)
 
 
-def _refuse(place: str, faults: Iterable[Fault]) -> None:
-    """Raise InputError for the first fault of a part of a lesson."""
+def _refuse(prefix: str, faults: Iterable[Fault]) -> None:
+    """Raise InputError for the first fault of a part of a lesson, whose keys begin with `prefix`."""
     for wrong, key, why, remedy in faults:
         if wrong:
-            raise InputError(f"{place}{key} {why}", remedy, key=f"{place}{key}")
+            raise InputError(f"{prefix}{key} {why}", remedy, key=f"{prefix}{key}")
 
 
-def _check_setting(place: str, setting: LessonSetting, scene: Scene) -> None:
+def _check_setting(prefix: str, setting: LessonSetting, scene: Scene) -> None:
     """Raise InputError for settings that a page with this scene does not have."""
     both = setting.frame is not None and setting.run is not None
-    _refuse(place, [(both, "frame", "and run are both given", "let one step run the solver, another show the frame")])
+    remedy = "run the solver in one step and show the frame in another"
+    _refuse(prefix, [(both, "frame", "and run are both given", remedy)])
     try:
         if setting.frame is not None and not parse_address(setting.frame):
-            raise InputError(f'"{shown(setting.frame)}" names nothing', 'write as "step=12&microphone=9"')
+            raise InputError(f'"{shown(setting.frame)}" has no known key', 'write it as "step=12&microphone=9"')
         setting = setting.unfolded()
     except InputError as error:
-        raise error.within(f"{place}frame") from error
+        raise error.within(f"{prefix}frame") from error
     for name, text in (("modes", setting.modes), ("map_modes", setting.map_modes)):
         if text is None or (name == "map_modes" and text == SOLVER):
             continue
         try:
             modes = parse_modes(text, MAX_MODE)
         except InputError as error:
-            raise error.within(f'{place}{name} = "{shown(text)}"') from error
+            raise error.within(f'{prefix}{name} = "{shown(text)}"') from error
         gaps = name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1))
-        _refuse(place, [(gaps, "modes", f'= "{text}" has gaps', "give one range, as 1-20")])
+        _refuse(prefix, [(gaps, "modes", f'= "{text}" has gaps', "give one range, such as 1-20")])
     positions, run = positions_of(scene), setting.run
     count, named = len(positions), {"microphone": () if setting.microphone is None else (setting.microphone,)}
-    _refuse(place, [
+    _refuse(prefix, [
         (setting.map == "volume" and positions.shape[1] != 3, "map", '= "volume" needs an array in space',
-         "name a scene whose array is in space, as ball3d, or another map"),
+         "name a scene whose array is in space, such as ball3d, or another map"),
         (run not in (None, "end") and not RUN.fullmatch(run or ""), "run", f'= "{run}" is unknown',
-         'write "end", or as "3 sweeps", "1 step", "2 stages"'),
-        *((not 0 <= n < count, key, f"= {n} is not there", f"{scene.name} has 0 to {count - 1}")
+         'write "end", or for example "3 sweeps", "1 step" or "2 stages"'),
+        *((not 0 <= n < count, key, f"= {n} does not exist", f"{scene.name} has microphones 0 to {count - 1}")
           for key, numbers in (named | {"marks": setting.marks}).items() for n in numbers),
     ])  # fmt: skip

@@ -7,16 +7,17 @@ that decays evenly are alike over a distance of x Hz as
     |r|^2 = 1 / (1 + (pi x / s)^2),    s = 6.9 / T60 nepers per second
 
 The solver takes them as independent, too. The covariance of its gradient is then F + sum |r|^2 F' over all pairs of
-frequencies, where F' is the part of the information F that is not of noise; that of the positions is larger by as much.
-The forecast takes F' = F / 2, and adds what arrival times say of impulses:
+frequencies, where F' is the part of the information F that the field contributes, not the noise. The covariance of the
+positions is larger by the same factor. The forecast takes F' = F / 2. With impulses it adds the information of the
+arrival times:
 
     r_n = c tau_n - |x_n - s| - b      path to microphone n; source s and time of emission b are unknown
 
-Of small arrays in space it adds the short windows of the recording, which are worth WINDOWS independent ones: a room
-has few waves, whatever the length of the recording.
+For small arrays in space it adds the short windows of the recording, which count as many as `ForecastRules.windows`
+independent ones whatever the length of the recording, because a room has few waves.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
-places of the source, and the information of a Gaussian field falls with its noise. Lengths are metres in JSON,
+positions of the source, and the information of a Gaussian field decreases with its noise. Lengths are metres in JSON,
 millimetres in words.
 """
 
@@ -97,7 +98,7 @@ def read_layout(text: str, seed: int = 0) -> Layout:
 
 
 def _in_its_plane(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
-    """Return the array at positions (N, 3), metres, by two coordinates where it is plane: x and y where it is level."""
+    """Return the array at positions (N, 3), metres; a plane array by two coordinates, x and y if it is level."""
     if np.ptp(x[:, 2]) < FLAT_M:
         return Layout(name, names, frozen_array(x[:, :2], float))
     centre = x.mean(axis=0)
@@ -108,7 +109,7 @@ def _in_its_plane(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
-    refused = InputError(f'"{text}" is no geometry', f"write it as {EXAMPLES}", key="layout", value=text)
+    refused = InputError(f'"{text}" is not a geometry', f"write it as {EXAMPLES}", key="layout", value=text)
     if words[0] not in FORMS or len(words) != 3:
         raise refused
     try:
@@ -137,8 +138,8 @@ class PlanLimits:
     work: int = 3000
     min_frequencies: int = 16  # of them at least
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
-    # centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
-    place: tuple[float, float, float] = (0.43, 0.46, 0.45)
+    # centre of an array whose own coordinates do not lie inside the room, relative to the room's lengths
+    centre: tuple[float, float, float] = (0.43, 0.46, 0.45)
     max_microphones: int = 300  # of a plan
     max_takes: int = 100  # likewise
     max_snr_db: float = 120.0  # dB
@@ -160,8 +161,8 @@ class PlanRequest:
     room: tuple[Metres, ...] | None = None
     reverberation_time: Seconds = 0.5
     snr_db: float = 30.0  # signal-to-noise ratio of each frequency
-    # (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
-    # frequencies above what it can interpolate none is used
+    # (2,) tuple of float, Hz; the default is 20 Hz to 0.7 times what the array can interpolate (Eq. 9). No frequency
+    # above what the array can interpolate is used
     band: tuple[float, float] | None = None
     known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
     # one sigma of each of their coordinates; 0 for exact ones
@@ -169,11 +170,10 @@ class PlanRequest:
     # spread of the channels' gains; 0 for equal channels
     gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
     sound_speed: MetresPerSecond = 343.0
-    accuracy: Metres = 0.01  # that is wanted
-    seed: Seed = 0  # of the places of the source
-    # the lowest so many independent frequencies of the band, evenly over these at most as many as an import takes
-    modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None
-    # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
+    accuracy: Metres = 0.01  # the RMS error that is wanted
+    seed: Seed = 0  # of the positions of the source
+    modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None  # uses the lowest so many frequencies of the band
+    # number of source positions, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
     kind: Literal["stationary", "impulse"] = "stationary"
@@ -187,7 +187,7 @@ class PlanRequest:
         apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
         if apart.min() <= ONE_PLACE * apart.max():
             first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
-            problem = f"microphones {first} and {second} are at one place"
+            problem = f"microphones {first} and {second} are at the same position"
             raise InputError(problem, "move them apart, or leave one out", key="layout")
         check(self, names={"snr_db": "snr", "band": "frequencies"})
         if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
@@ -202,10 +202,10 @@ class PlanRequest:
             raise InputError(problem, "give <room>", key="room")
         checked_known(self.known, None, self.layout.positions, N, D)
         if self.known_sigma and not self.known:
-            why = "is of given positions, and none is given"
+            why = "applies to given positions, and none is given"
             raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
         extent, sides = np.ptp(x, axis=0), np.array(room or (np.inf,) * D)
-        if self.is_plane_in_room:  # in any direction
+        if self.is_plane_in_room:  # its plane may have any direction
             extent, sides = np.sort(extent), np.sort(sides)[1:]
         if np.any(extent > sides - 2 * WALL_DISTANCE_M):
             array, size = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, room or ()))
@@ -249,19 +249,19 @@ class PlanRequest:
 
     @property
     def _width(self) -> str:
-        """What a remedy adds for an array so wide that its positions may be in another unit than metres."""
+        """The end of a remedy for an array so wide that its positions may not be in metres; "" for others."""
         width = float(np.ptp(self.layout.positions, axis=0).max())
         wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
         return wide if width > PLAN_LIMITS.wide else ""
 
     @property
     def band_frequencies(self) -> np.ndarray:
-        """All independent frequencies of the band, the lowest `modes` of them where that is given : float64, Hz."""
+        """All independent frequencies of the band, or the lowest `modes` of them if this is given : float64, Hz."""
         return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)[: self.modes]
 
     @property
     def frequencies(self) -> np.ndarray:
-        """The frequencies of one take : (M,) float64, Hz: of the band evenly at most as many as an import takes."""
+        """The frequencies of one take : (M,) float64, Hz, spread evenly over those of the band, as an import does."""
         f = self.band_frequencies
         return f[evenly_spaced(len(f), default_max_rows(len(self.layout.names), self.takes))]
 
@@ -273,37 +273,37 @@ class PlanRequest:
 
 @dataclass(frozen=True)
 class ForecastRules:
-    """What is added to the bound; figures are of 40 draws with noise and 30 of impulses of `fdcal_bench`."""
+    """What the forecast adds to the bound; the figures are of 40 draws with noise and 30 with impulses."""
 
-    # F' / F of the module's head: of 8 to 48 microphones at 30 dB the exact sum is that of 0.3 to 0.8
+    # F' / F, see the module's docstring. With 8 to 48 microphones at 30 dB the exact sum is that of 0.3 to 0.8.
     field_part: float = 0.5
     # metres, one sigma of an arrival time: 0.1 to 0.8 mm in simulated rooms, 0.9 mm of the measured array
     arrival_sigma_m: float = 5e-4
-    freedom: float = 3.0  # of the Student t distribution that the solver takes for arrival times
-    # error over that of field and arrival times together, by Fisher information: 1.5 to 2.2. The solver gives rows that
-    # are not independent too much weight beside arrival times
+    freedom: float = 3.0  # degrees of the Student t distribution that the solver assumes for arrival times
+    # Error over the bound of field and arrival times together: 1.5 to 2.2. The solver takes all rows as independent and
+    # gives them too much weight beside arrival times.
     arrival_margin: float = 1.7
-    # of the logarithm of the error, one sigma: how far one room and source differ from the diffuse field, beside the
-    # scatter of errors that the covariance itself has
+    # One sigma of the logarithm of the error by which one room and source differ from the diffuse field, in addition to
+    # the scatter that follows from the covariance.
     field_scatter: float = 0.2
-    quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws are
-    # of a plane array in a room, error over the bound: low, middle, high. Its size follows from equally strong waves
-    # from all directions, which the bound assumes and no room has
+    quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws lie
+    # Error over the bound of a plane array in a room: low, middle, high. Its size follows from equally strong waves
+    # from all directions, which the bound assumes and no room has.
     plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
-    source_sets: int = 8  # sets of places of the source, over which arrival times are averaged
-    takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares, and its own
-    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # ratios above its own that it compares
-    # dB, greatest ratio that is compared. Channels that are equal to 0.1 dB and 0.5 degrees err by as much as noise 38
-    # dB below the signal, so that less noise is of no use
+    source_sets: int = 8  # number of sets of source positions over which arrival times are averaged
+    takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares with its own
+    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # differences from its own ratio that a plan compares
+    # dB, greatest ratio that is compared. Channels that are equal to 0.1 dB and 0.5 degrees cause the same errors as
+    # noise 38 dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0
-    # relative one sigma of the size from which a plan mentions it: in an array of 1 m it is 10 mm, the default accuracy
+    # relative one sigma of the size from which a plan mentions it: 10 mm in an array of 1 m, as the default accuracy
     blurred: float = 0.01
-    # independent short windows, of all frequencies together, that explain the errors of `python -m benchmarks
-    # comparison`; their frequencies; the widest array of which they count, metres
+    # Number of independent short windows, of all frequencies together, that explains the errors of `python -m
+    # benchmarks comparison`.
     windows: float = 960.0
-    window_noise: float = 0.05  # least part of their power that their model leaves, which no louder sound lowers
+    window_noise: float = 0.05  # least fraction of their power that their model does not explain at any signal level
     window_frequencies: int = 40
-    widest_m: float = 1.0
+    widest_m: float = 1.0  # metres, width of the widest array for which short windows count
     size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
 
 
@@ -317,7 +317,7 @@ class Forecast:
     rms: float  # expected
     low: float  # 8 of 10 recordings err between `low` and `high`
     high: float
-    beyond: str = ""  # what lowers it that the bound leaves out, in words
+    beyond: str = ""  # information that the forecast uses and the bound does not, in words
 
 
 @dataclass(frozen=True)
@@ -361,7 +361,7 @@ def make_plan(request: PlanRequest) -> Plan:
 
 
 def _window_information(request: PlanRequest, noise: float) -> Information | None:
-    """Return what short windows say at a noise over the whole power; None where they do not count."""
+    """Return the information of short windows; None if they do not count. `noise`: over the whole power."""
     x, rules = request.layout.positions, FORECAST
     wide = np.linalg.norm(x[:, None] - x, axis=2).max() > rules.widest_m
     if request.dimension != 3 or len(x) > MAX_COUNT or wide:
@@ -401,42 +401,43 @@ def _forecast(
         return plain
     cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
     both = f"{of_windows} and arrival times" if of_windows else "arrival times"
-    # arrival times never make it worse: where they add little, their factor alone would
+    # Arrival times never make the forecast worse, although their margin would if they add little.
     return min(plain, scattering(cases, FORECAST.arrival_margin, both), key=lambda one: one.rms)
 
 
 def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int, list[np.ndarray]]:
     """Return what arrival times add to the matrix of `Information`, by the number of takes, for some sets of sources.
 
-    Empty without impulses. Nor does the forecast of a plane array in a room count on them.
+    The lists are empty without impulses, and for a plane array in a room.
     """
     found: dict[int, list[np.ndarray]] = {count: [] for count in takes}
     if request.kind != "impulse" or request.is_plane_in_room:
         return found
-    (N, D), places = request.layout.positions.shape, places_in_room(request)
+    (N, D), x = request.layout.positions.shape, positions_in_room(request)
     on = np.append(np.arange(N * D), N * D + N)  # coordinates, and the logarithm of the sound speed
     for seed in range(FORECAST.source_sets):
         rng, matrix = np.random.default_rng([request.seed, 11, seed]), np.zeros((N * D + N + 1,) * 2)
         for count in range(1, max(takes) + 1):
             source = random_source(
-                request.room, places, PLAN_LIMITS.clearance, rng, lambda at: not hull_meets(places[:, :2], at[None, :2])
+                request.room, x, PLAN_LIMITS.clearance, rng, lambda at: not hull_meets(x[:, :2], at[None, :2])
             )
             if source is None:
-                problem = f"no place of the room is {PLAN_LIMITS.clearance:g} m from the array"
+                problem = f"no point of the room is {PLAN_LIMITS.clearance:g} m from the array"
                 raise InputError(problem, "give a larger <room>", key="room")
-            matrix[np.ix_(on, on)] += arrival_matrix(places, source, D)
+            matrix[np.ix_(on, on)] += arrival_matrix(x, source, D)
             if count in found:
                 found[count].append(matrix.copy())
     return found
 
 
-def arrival_matrix(places: np.ndarray, source: np.ndarray, D: int) -> np.ndarray:
-    """Return what arrival times of one take say : (N D + 1, N D + 1) float64, of positions and log sound speed.
+def arrival_matrix(positions: np.ndarray, source: np.ndarray, D: int) -> np.ndarray:
+    """Return the information of the arrival times of one take : (N D + 1, N D + 1) float64.
 
-    Microphones at `places` (N, 2 or 3), `source` likewise, metres; the first D coordinates of a microphone are sought.
-    The source and the time of emission are unknown: the residuals' part along them is projected out.
+    It is that on the first D coordinates of the microphones and on the logarithm of the sound speed. `positions`
+    (N, 2 or 3) of the microphones and `source`, metres. The unknown position of the source and time of emission are
+    projected out of the residuals.
     """
-    (N, size), rules, away = places.shape, FORECAST, places - source
+    (N, size), rules, away = positions.shape, FORECAST, positions - source
     path = np.linalg.norm(away, axis=1)
     along, each = away / path[:, None], np.arange(N)[:, None]
     slopes = np.zeros((N, N * D + 1))  # of -r
@@ -447,21 +448,21 @@ def arrival_matrix(places: np.ndarray, source: np.ndarray, D: int) -> np.ndarray
     return (rules.freedom + 1) / (rules.freedom * rules.arrival_sigma_m**2) * slopes.T @ slopes
 
 
-def places_in_room(request: PlanRequest) -> np.ndarray:
-    """Return the microphones in the room : (N, 2 or 3) float64, metres.
+def positions_in_room(request: PlanRequest) -> np.ndarray:
+    """Return the positions of the microphones in the room : (N, 2 or 3) float64, metres.
 
-    Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
+    If those of the layout do not lie inside, the array is moved near the middle of the room, to `PLAN_LIMITS.centre`.
     """
     size, x = np.array(request.room), request.layout.positions
     if np.all((x > WALL_DISTANCE_M) & (x < size - WALL_DISTANCE_M)):
         return x
     edge = np.ptp(x, axis=0) / 2 + WALL_DISTANCE_M
-    centre = np.clip(np.array(PLAN_LIMITS.place[: len(size)]) * size, edge, size - edge)
+    centre = np.clip(np.array(PLAN_LIMITS.centre[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
 def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
-    """Return in words what pressures and given positions leave undetermined."""
+    """Return in words what the pressures and the given positions do not determine."""
     x, found, D = request.layout.positions, [], request.layout.positions.shape[1]
     if not fixes_gauge(x[request.prior.known]):
         what, line = ("the array's plane", "on one line") if D == 2 else ("the array", "in one plane")
@@ -486,8 +487,8 @@ def plan_lines(plan: Plan) -> list[str]:
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}"
     ]
     inside = request.room is None or request.is_plane_in_room
-    if not inside and not np.array_equal(places_in_room(request), request.layout.positions):
-        centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
+    if not inside and not np.array_equal(positions_in_room(request), request.layout.positions):
+        centre = ", ".join(f"{value:.3g}" for value in positions_in_room(request).mean(axis=0))
         moved = f"the array is moved as a whole, its centre to ({centre}) m"
         lines.append(f"the layout does not lie inside the room: {moved}")
     wanted = len(request.band_frequencies)
@@ -528,13 +529,13 @@ def _advice(plan: Plan) -> str:
     own = plan.takes.index(request.takes)
     if reached[own, 0]:
         return f"{wanted} is expected as planned"
-    ways = []
+    needed = []
     if reached[:, 0].any():
-        ways.append(f"{plan.takes[int(np.argmax(reached[:, 0]))]} places of the source")
+        needed.append(f"{plan.takes[int(np.argmax(reached[:, 0]))]} places of the source")
     if reached[own].any():
-        ways.append(f"{plan.snr_db[int(np.argmax(reached[own]))]:g} dB")
-    if ways:
-        return f"{wanted} needs {' or '.join(ways)}"
+        needed.append(f"{plan.snr_db[int(np.argmax(reached[own]))]:g} dB")
+    if needed:
+        return f"{wanted} needs {' or '.join(needed)}"
     if reached.any():
         row = int(np.argmax(reached.any(axis=1)))
         snr_db = plan.snr_db[int(np.argmax(reached[row]))]

@@ -17,10 +17,10 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Interrupt:
-    """A flag in place of KeyboardInterrupt, of Ctrl-C, SIGTERM and SIGHUP: a loop reads `received`.
+    """A context manager in which Ctrl-C, SIGTERM and SIGHUP set `received` instead of raising KeyboardInterrupt.
 
-    `urgent`: a second signal raises KeyboardInterrupt, for a user who does not want to wait. A signal that was ignored
-    before, as under nohup, stays ignored. A context manager; it restores the previous handlers.
+    If `urgent`, a second signal raises KeyboardInterrupt. A signal that was ignored before, as under nohup, stays
+    ignored. The previous handlers are restored at the end.
     """
 
     def __init__(self, urgent: bool = True):
@@ -46,7 +46,7 @@ class Interrupt:
 
 @contextlib.contextmanager
 def ended_as_interrupted() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
     numbers = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
     for number in numbers:
         signal.signal(number, signal.default_int_handler)
@@ -60,14 +60,14 @@ def ended_as_interrupted() -> Iterator[None]:
 VARIABLE = "OPENBLAS_NUM_THREADS"
 _lock = threading.Lock()
 _computations: list[int] = []  # one entry for each computation that runs
-_limits: list[tuple] = []  # of the first of them: controller, limit, thread
+_limits: list[tuple] = []  # controller, limit and thread of the first of them
 
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread in the block; the last of several blocks that overlap restores what was before.
+    """Limit BLAS to one thread in the block; of several blocks that overlap, the last one removes the limit.
 
-    The limit holds for the process, since BLAS knows no other.
+    The limit applies to the whole process: BLAS has no other.
     """
     import numpy  # noqa: F401  a library that is loaded later would not be limited
     import scipy.linalg  # noqa: F401  has a BLAS of its own
@@ -94,8 +94,8 @@ def one_blas_thread() -> Iterator[None]:
 def one_blas_thread_for_command() -> Iterator[None]:
     """Limit BLAS to one thread in the block, without loading NumPy before a command needs it.
 
-    Where NumPy is not loaded yet, BLAS reads the environment when it is, as do child processes; the environment is
-    restored after the block.
+    If NumPy is not loaded yet, a variable of the environment sets the limit, which BLAS reads when it is loaded, in
+    this process and in child processes. The environment is restored after the block.
     """
     if "numpy" in sys.modules:
         with one_blas_thread():
@@ -111,7 +111,7 @@ def one_blas_thread_for_command() -> Iterator[None]:
 
 
 def _release(controller, force: bool = False) -> None:
-    """Let another thread set limits: from version 3.7 on, threadpoolctl lets one thread do so for a process."""
+    """Allow another thread to set limits: from version 3.7 on, threadpoolctl allows this to one thread of a process."""
     for library in controller.lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=force)

@@ -1,7 +1,7 @@
-"""A scene that is changed without editing its file: by keys, or by parameters on which others depend.
+"""Changes of a scene without editing its file: of single keys, or of parameters on which several keys depend.
 
 The search domain and the radius R of the expansion scale with the array. If the number of known microphones changes,
-those that are farthest from one another are chosen.
+microphones far from each other become the known ones.
 """
 
 import math
@@ -19,9 +19,9 @@ from ..model.validation import Count, InputError, Metres, Seed, build, check, re
 
 
 def table_of(scene: Scene) -> dict[str, Any]:
-    """Return the scene as tomllib reads it, without keys that are None : dict of texts, numbers, lists and dicts.
+    """Return the scene as tomllib would read it from a file: a dict of texts, numbers, lists and dicts, without None.
 
-    `fdcal.model.validation.build(Scene, table)` makes the same scene of it.
+    `fdcal.model.validation.build(Scene, table)` returns the same scene.
     """
     table = plain(asdict(scene))
     if scene.solver.modes == ALL_MODES:
@@ -35,7 +35,7 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     for key, value in changes.items():
         if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
             problem = f"{key} cannot be changed: the scene is a measurement"
-            raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
+            raise InputError(problem, "change solver or seed, or use a scene that is simulated", key=key, value=value)
         change(table, key, value)
     return build(type(scene), table)
 
@@ -61,7 +61,7 @@ def plain(value: Any) -> Any:
     return [plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value
 
 
-FINEST = 1.5  # times as large, from which the lattice of the search domain gets coarser
+FINEST = 1.5  # factor of the size of the array from which the lattice of the search domain becomes coarser
 
 
 @dataclass(frozen=True)
@@ -69,12 +69,12 @@ class SceneParameters:
     """The parameters of a scene that can be changed."""
 
     microphones: Count  # N; a regular array takes the nearest number that fills its rows
-    # metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance of given
-    # positions from their mean
+    # metres: radius of a circle or ball, half the longest side of a rectangle, plane or box, or the greatest distance
+    # of given positions from their mean
     radius: Metres
-    # "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
+    # "rigid", "pressure-release" or "absorbing"; "unknown" in a measured room, whose walls and absorption are fixed
     walls: str
-    # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
+    # fraction of the energy that absorbing walls absorb at normal incidence, 1 - r^2
     absorption: Annotated[float, within(0, 1)]
     snr_db: float  # decibels, inf for no noise
     sound_speed_error: float  # relative error of the sound speed given to the solver, positive if it is too high
@@ -118,7 +118,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
         seed=parameters.seed,
     )  # fmt: skip
     count, known, lowest = array.number, parameters.known, min_known(changed)
-    if (known, count) != (before.known, before.microphones):  # else the known microphones stay
+    if (known, count) != (before.known, before.microphones):  # otherwise the known microphones stay the same
         if not lowest <= known < count:
             problem = f"known = {known} of {count} microphones is impossible"
             raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
@@ -129,7 +129,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
 
 
 def min_known(scene: Scene) -> int:
-    """Return how many known microphones fix translation, rotation and mirror; 0 for a room of three dimensions."""
+    """Return the number of known microphones that fix translation, rotation and mirror image; 0 for a room in 3-D."""
     return 0 if scene.room.dimension == 3 else scene.array.dimension + 1
 
 
@@ -143,7 +143,7 @@ def _radius(array: Array) -> float:
 
 
 def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -> Array:
-    """The array with another number of microphones, and larger or smaller."""
+    """Return the array with another number of microphones and another size."""
     q = parameters.radius / before.radius
     if array.positions is not None:
         if parameters.microphones != before.microphones:
@@ -158,7 +158,7 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
     if array.count is not None:
         return replace(array, count=parameters.microphones, size=size)
     shape, extra, wanted, count = array.shape or (), array.random, parameters.microphones, before.microphones
-    regular = math.prod(shape)  # microphones of the regular part, beside which there may be random ones
+    regular = math.prod(shape)  # number of microphones of the regular part; the others are random
     if wanted != count and extra and wanted > regular:
         extra = wanted - regular
     elif wanted != count:
@@ -184,7 +184,7 @@ def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Sce
 
 
 def _search(scene: Scene, q: float) -> Search | None:
-    """The search domain for an array `q` times as large, about the same middle and through the same cell centres."""
+    """Return the search domain for an array `q` times as large, with the same centre and on the same cell centres."""
     old = scene.search
     if old is None or q == 1:
         return old
@@ -197,7 +197,10 @@ def _search(scene: Scene, q: float) -> Search | None:
 
 
 def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
-    """Return `count` of the microphones at (N, D) `positions`, m, each farthest from those before, ascending."""
+    """Return the numbers of `count` microphones far from each other, ascending; `positions` (N, D), metres.
+
+    They are chosen one after another, each as far as possible from those before.
+    """
     chosen: list[int] = []
     apart = np.linalg.norm(positions - positions.mean(axis=0), axis=1)
     for _ in range(count):

@@ -6,9 +6,9 @@ calls the solver's `init`, `step` and `use_modes`. A state holds all that `step`
 from any of them. `SolverRun` is what the solver thread does: it carries out commands, one step or one change of state
 at a time; `Session` owns the thread.
 
-The cost of a state by one reference cost is the same for every solver. The solver thread computes it, and any thread
-may read it. A step can be shorter than its cost takes to compute, so that while the solver runs the cost of some states
-is left out, and computed when the solver rests.
+The reference cost of a state does not depend on the solver. The solver thread computes it, and any thread may read it.
+Since a step can take less time than its cost, the costs of some states are left out while the solver runs, and computed
+when it is paused.
 """
 
 import collections
@@ -33,14 +33,14 @@ from ..solvers.interface import RunState, bounded
 
 P = ParamSpec("P")
 
-COST_TIME = 0.25  # of the time of the steps that costs may take while the solver runs
-MAX_FILLED = 300  # states, evenly spaced over a run, whose cost is computed when the solver rests
+COST_TIME = 0.25  # time that costs may take while the solver runs, as a fraction of the time of the steps
+MAX_FILLED = 300  # number of states, evenly spaced over a run, whose cost is computed when the solver is paused
 
 
 class StateCosts:
     """Costs of states, dB, kept as long as the states exist.
 
-    `reference_cost` returns the cost of a state; without it every cost is NaN. `newest`: the cost computed last.
+    `reference_cost` returns the cost of a state; without it every cost is NaN. `newest` is the cost computed last.
     """
 
     def __init__(self, reference_cost: Callable[..., float] | None = None):
@@ -50,12 +50,12 @@ class StateCosts:
         self.newest, self.count = float("nan"), 0
 
     def of(self, state: RunState) -> float:
-        """Return the cost of a state, dB; NaN where it is not computed."""
+        """Return the cost of a state, dB; NaN if it has not been computed."""
         found = self._values.get(id(state))
         return float("nan") if found is None or found[0]() is not state else found[1]
 
     def compute(self, state: RunState) -> None:
-        """Compute the cost of a state, unless it is there."""
+        """Compute the cost of a state, unless it is known."""
         if self._reference_cost is None or self.knows(state):
             return
         began = time.thread_time()
@@ -69,37 +69,37 @@ class StateCosts:
         self.newest, self.count = value, self.count + 1
 
     def knows(self, state: RunState) -> bool:
-        """Return whether the cost of a state is there, or cannot be computed."""
+        """Return whether the cost of a state has been computed, or cannot be computed."""
         found = self._values.get(id(state))
         return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
-        """Compute the cost of a state after a step of `spent` s, unless costs have taken COST_TIME already."""
+        """Compute the cost of a state after a step that took `spent` s, if COST_TIME allows it."""
         self._credit = min(self._credit + COST_TIME * spent, 2 * self._duration + COST_TIME * spent)
         if self._credit >= self._duration:
             self.compute(state)
             self._credit -= self._duration
 
     def missing(self, states: Sequence[RunState]) -> list[RunState]:
-        """Return the states whose cost is to be computed when the solver rests, the last first."""
+        """Return the states whose cost is to be computed when the solver is paused, the last first."""
         if self._reference_cost is None:
             return []
         stride = max(1, len(states) // MAX_FILLED)
         return [state for state in states[::-1][::stride] if not self.knows(state)]
 
 
-MAX_STATES = 4000  # kept of a run, about 6 kB each; when there are more, every second one is dropped
+MAX_STATES = 4000  # number of states kept of a run, about 6 kB each; if there are more, every second one is dropped
 
 
 def thinned(states: Sequence) -> list:
-    """Return about half of the states: the first, the last, the first of every stage, every second of the others."""
+    """Return about half of the states: the first and last, the first of every stage, and every second of the others."""
     last = len(states) - 1
     begins = {i for i in range(1, last) if states[i].stage != states[i - 1].stage}
     return [state for i, state in enumerate(states) if i % 2 == 0 or i == last or i in begins]
 
 
 def recorded(states: Iterable) -> list:
-    """Return the states of a run as a session keeps them, MAX_STATES at most."""
+    """Return the states of a run as a session keeps them: MAX_STATES at most."""
     kept: list = []
     for state in states:
         if len(kept) >= MAX_STATES:
@@ -113,11 +113,11 @@ class SessionView:
     """What a session shows; never changed after it is published."""
 
     state: Any  # the solver state at `index`
-    index: int  # place in the history that is shown; the run continues from there
+    index: int  # of the state in the history that is shown; the run continues from it
     history: tuple = field(compare=False)  # states, oldest first
     running: bool = False  # whether steps are being taken
     error: str = ""  # the last exception of the solver, "" if there is none
-    # one object for all histories of a run; a reset, or continuing from an earlier state, makes a new one
+    # the same object as long as the history only grows; a reset, or continuing from an earlier state, makes a new one
     lineage: object = field(default_factory=object, compare=False)
     costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
     refused: InputError | None = None  # why the last command was refused, which changed nothing
@@ -129,7 +129,7 @@ class SessionView:
 
     @property
     def cost(self) -> float:
-        """Cost of the state by the reference cost, dB; in a run or a drag perhaps that of a state just before."""
+        """Reference cost of the state, dB; that of an earlier state if its own has not been computed yet."""
         state = self.history[self.index]
         return self.costs.of(state) if self.costs.knows(state) else self.costs.newest
 
@@ -140,8 +140,8 @@ log = logging.getLogger(__name__)
 class SolverRun:
     """The states of a run and the commands that change them; for one thread.
 
-    Parameters as of `Session`; `on_change`: called after `view`, frozen, which any thread may read, has changed;
-    `pause_between_steps`: minimum time between two steps, s.
+    Parameters as of `Session`. `on_change` is called after `view` has changed, which is frozen, so that any thread may
+    read it; `pause_between_steps` is the minimum time between two steps, s.
     """
 
     def __init__(
@@ -162,9 +162,9 @@ class SolverRun:
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._reached: Callable[[Any], bool] | None = None  # true once the state reached ends the run
-        self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
+        self._gesture: object = None  # the gesture by which the user made the last state, if it moved a microphone
         self.pause_between_steps = 0.0
-        self.spent = collections.deque([0.0], maxlen=3)  # s of the processor, by the last steps
+        self.spent = collections.deque([0.0], maxlen=3)  # processor time of each of the last steps, s
         self._costs.compute(self._states[index])
         self.view = SessionView(self._states[index], index, tuple(self._states), costs=self._costs)
 
@@ -192,9 +192,9 @@ class SolverRun:
         self._on_change()
 
     def _keep(self, states: list, error: str = "", lineage: object = None, dragged: bool = False) -> None:
-        """Show the last of `states`, of a new lineage unless it is given.
+        """Show the last of `states`, with a new lineage unless it is given.
 
-        The cost of a state that the next move of a drag will replace is computed when there is time.
+        While a microphone is dragged the cost is computed later, since the next move replaces the state.
         """
         self._states, self._gesture = states, None
         if self._reached is None and not dragged:
@@ -264,7 +264,7 @@ class SolverRun:
         self._keep([state])
 
     def seek(self, index: int) -> None:
-        """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
+        """Show state `index` of the history, clipped to its range, and pause; the next step drops the later states."""
         self._reached = self._gesture = None
         index = min(max(index, 0), len(self._states) - 1)
         self._costs.compute(self._states[index])
@@ -273,7 +273,7 @@ class SolverRun:
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
         """Set the modes in use (counted from 1, inclusive) and whether the solver adds more.
 
-        This replaces the state that is shown: a slider that is dragged must not fill the history.
+        The new state replaces the one that is shown, so that dragging a slider does not fill the history.
         """
         state = self._module.use_modes(self._problem, self.view.state, first, last, automatic)
         self._keep([*self._states[: self.view.index], state])
@@ -300,17 +300,17 @@ def command(method: Callable[Concatenate[SolverRun, P], None]) -> Callable[Conca
     return functools.update_wrapper(request, method)
 
 
-NEWEST_ONLY = (SolverRun.seek, SolverRun.use_modes, SolverRun.pace)  # of several in a row only the last counts
-YIELD_TIME = 0.15  # s without a step after a request of the user
+NEWEST_ONLY = (SolverRun.seek, SolverRun.use_modes, SolverRun.pace)  # of several in a row only the last is executed
+YIELD_TIME = 0.15  # s without a step after a request by the user
 
 
 class Session:
     """A solver on its own thread; its exceptions pause the session and appear in `view.error`.
 
-    `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
-    history begins, oldest first, the start alone unless given; `index`: which of them is shown; `reference_cost`:
-    returns the cost of a state, dB, comparable between solvers (`fdcal.cost.eq7`). `notify`: called after a change that
-    is not a step of a run.
+    `module` has `init`, `step` and `use_modes`; the default is the solver that `settings` name. The history begins with
+    `states`, oldest first, of which `index` is shown; the default is the start alone. `reference_cost` returns the cost
+    of a state, dB, comparable between solvers (`fdcal.cost.eq7`). `notify` is called after each change except the steps
+    of a run.
     """
 
     def __init__(
@@ -327,7 +327,7 @@ class Session:
         self._commands: queue.SimpleQueue[tuple | None] = queue.SimpleQueue()  # None ends the thread
         self._yield_time, self._yield_from, self._yield_to = yield_time, 0.0, 0.0  # s, readings of `time.monotonic`
         self._changed, self.notify = threading.Condition(), lambda: None
-        self._stepped = 0.0  # reading of `time.monotonic` at the last step
+        self._stepped = 0.0  # `time.monotonic` at the last step
         self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
@@ -343,13 +343,13 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """Processor time of a step, s: the minimum of the last three, since one may have been compiled meanwhile."""
+        """Processor time of a step, s: the minimum of the last three, since one may include compilation."""
         return min(self._run.spent.copy())
 
     def yield_to_ui(self) -> None:
         """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
 
-        Continuous requests slow the run down to one step in twice that time, and do not stop it.
+        Continuous requests slow the run down to one step in twice that time, but do not stop it.
         """
         now = time.monotonic()
         self._yield_from = now if now > self._yield_to else self._yield_from
@@ -358,7 +358,7 @@ class Session:
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
 
-        Moves of one `gesture` (any object but None) make one state of the history.
+        All moves of one `gesture` (any object but None) make a single state of the history.
         """
         self.yield_to_ui()
         self._commands.put((SolverRun.place, (int(microphone), tuple(map(float, position)), gesture), {}))
@@ -374,12 +374,12 @@ class Session:
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self._run.view), timeout)
 
-    # Below: the solver thread alone.
+    # Only the solver thread calls the methods below.
 
     def _notify(self) -> None:
         with self._changed:
             self._changed.notify_all()
-        if not self.view.running:  # a run is looked at now and then
+        if not self.view.running:  # during a run the page looks at the view in intervals
             self.notify()
 
     def _serve(self) -> None:
@@ -395,20 +395,20 @@ class Session:
                 if view.running:
                     self._run.execute(SolverRun.advance)
                     self._stepped = self._yield_from = time.monotonic()
-                elif missing := view.costs.missing(view.history):  # left out while the solver ran or in a drag
+                elif missing := view.costs.missing(view.history):  # left out during the run or during a drag
                     view.costs.compute(missing[0])
                     self._yield_from = time.monotonic()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
 
     @property
     def _no_step_before(self) -> float:
-        """Reading of `time.monotonic` until which the solver yields to the user interface."""
+        """Time, as of `time.monotonic`, until which the solver takes no step, for the sake of the user interface."""
         return min(self._yield_to, self._yield_from + 2 * self._yield_time)
 
     def _pending(self) -> list[tuple | None]:
         """Return the commands that wait, without those that a later one replaces.
 
-        When idle, or before the next step is due, block for one.
+        Block until a command comes, or until the next step is due.
         """
         view, timeout = self.view, None
         if view.running:
@@ -424,7 +424,8 @@ class Session:
 
         def replaced(one: tuple | None, after: tuple | None) -> bool:
             if one is None or after is None or one[0] is not after[0]:
-                return False  # a move is replaced by one of the same microphone in the same gesture
-            return one[0] in NEWEST_ONLY or (one[0] is SolverRun.place and one[1][::2] == after[1][::2])
+                return False
+            same_drag = one[0] is SolverRun.place and one[1][::2] == after[1][::2]  # same microphone and gesture
+            return one[0] in NEWEST_ONLY or same_drag
 
         return [one for one, after in itertools.zip_longest(commands, commands[1:]) if not replaced(one, after)]

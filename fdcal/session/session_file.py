@@ -1,9 +1,9 @@
 """A session as a file, with which `fdcal view SESSION` continues.
 
 It is a .zip of two files. session.json holds the scene with the settings of its solver, the seed of the start, the
-index of the state that was shown, the values of the page's controls and the states; it has infinity as Python's JSON
-does. session.npz holds their arrays and the measurement; it is a measurement file that `fdcal calibrate` can read.
-msgspec reads each state as its class declares it. Reading either file runs nothing.
+index of the state that was shown, the values of the page's controls and the states. It writes infinity as Python's
+JSON does. session.npz holds the arrays of the states and the measurement; it is a measurement file that
+`fdcal calibrate` can read. msgspec reads each state as its class declares it. Reading executes no code of either file.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 def write(opening: OpenRequest) -> bytes:
     """Return the bytes of the .zip of a request that has a measurement and states; InputError for NaN or infinity."""
     if opening.measurement is None:
-        raise ValueError("a session that is written has a measurement")
+        raise ValueError("a session without a measurement cannot be written")
     scene = opening.scene
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # the measurement itself is in the session
@@ -65,13 +65,13 @@ def write(opening: OpenRequest) -> bytes:
 
 
 def read(path: str | Path) -> OpenRequest:
-    """Return what a session's .zip holds."""
+    """Return the request that opens the session in a .zip file."""
     try:
         require_regular(Path(path))
         with zipfile.ZipFile(path) as archive:
             if not {TABLE, ARRAYS} <= set(archive.namelist()):
-                raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
-            # no entry of an archive gives more bytes than it says
+                raise InputError(f"{path} is not a session", f"a session holds {TABLE} and {ARRAYS}", key="session")
+            # zipfile never unpacks more bytes of an entry than the entry declares
             if (size := sum(entry.file_size for entry in archive.infolist())) > UNPACKED_BYTES:
                 problem = f"{path} would take {size / 1e6:.0f} MB of memory"
                 raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session")
@@ -120,7 +120,7 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
 
 
 def kept_states(run, index: int | None) -> list[int]:
-    """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
+    """Return the indices of the states to keep: all, or fewer if the file would be too large, `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
     max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
     if len(run) <= max_count:
@@ -138,7 +138,7 @@ def state_bytes(record) -> int:
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
 OTHER_VERSION = "open the file with the version of fdcal that wrote it"
-NOT_FINITE = "the run has reached numbers that are not finite", "rewind before you save it"
+NOT_FINITE = "the run has reached numbers that are not finite", "rewind the run before you save it"
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
 PLACES = ("positions", "shape", "origin", "centre", "place")  # arrays of coordinates, metres
 
@@ -164,7 +164,7 @@ class StateReader:
         """Return a state out of a dict of its fields."""
         number = table.get("settings")
         if not isinstance(number, int) or not 0 <= number < len(self._settings):
-            raise InputError("states.settings refers to settings that are not there", key="states.settings")
+            raise InputError("states.settings refers to settings that the file does not hold", key="states.settings")
         table = table | {"settings": self._settings[number]}
         try:
             state = msgspec.convert(table, State, dec_hook=self._array)
@@ -176,12 +176,12 @@ class StateReader:
         return state
 
     def _array(self, kind: Any, place: Any) -> np.ndarray:
-        """Return one of the stacked arrays, frozen; ValueError, which msgspec completes, where it is not there."""
+        """Return one of the stacked arrays, frozen. If it is missing, msgspec adds the key to the ValueError."""
         stack = None
         if isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place):
             stack = self._arrays.get(f"states_{place[0]}")
         if stack is None or stack.ndim < 1 or place[1] >= len(stack):
-            raise ValueError("it refers to an array that is not there")
+            raise ValueError("it refers to an array that the file does not hold")
         if tuple(place) not in self._read:
             array = stack[place[1]]
             if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
@@ -190,11 +190,11 @@ class StateReader:
         return self._read[tuple(place)]
 
     def _check(self, key: str, value: Any, given: Any) -> None:
-        """Raise InputError unless this problem can have the value of a field, which the file has as `given`."""
+        """Raise InputError unless a state of this problem can have `value` in a field; the file has it as `given`."""
         name = f"states.{key}"
         if dataclasses.is_dataclass(value) and value is not given:
             fields = [field.name for field in dataclasses.fields(value)]
-            if others := set(given) ^ set(fields):  # msgspec fills in what is missing and skips what is unknown
+            if others := set(given) ^ set(fields):  # msgspec would fill in missing fields and skip unknown ones
                 problem = f"{key}: fields that differ from those of this version: {shown(sorted(others), 300)}"
                 raise InputError(problem, OTHER_VERSION, key=key)
             for field in fields:
@@ -217,9 +217,10 @@ class StateReader:
 
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return states of one solver as a table for JSON and arrays by name; InputError for NaN, and infinite arrays.
+    """Return states of one solver as a table for JSON and arrays by name; InputError for NaN or an infinite array.
 
-    Each array is kept once, in a stack of arrays of one type and shape; the table has [number of the stack, index].
+    Each array is written once, in a stack of arrays of the same type and shape. In its place the table holds the number
+    of the stack and the index in it.
     """
     stacks: dict[tuple, list[np.ndarray]] = {}
     references: dict[int, tuple[np.ndarray, list[int]]] = {}  # with the array, so that its identity stays its own
@@ -230,7 +231,7 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
         if isinstance(value, np.generic):
             return value.item()
         if not isinstance(value, np.ndarray):
-            raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
+            raise TypeError(f"a state holds a {type(value).__name__}, which cannot be written")
         if id(value) not in references:
             if value.dtype.kind not in NUMERIC_KINDS or not np.isfinite(value).all():
                 raise InputError(*NOT_FINITE)
@@ -254,9 +255,9 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
 def read_states(
     table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, max_count: int
 ) -> tuple[RunState, ...]:
-    """Return the states, `max_count` at most, of a table of `write_states` out of JSON and its arrays.
+    """Return the states, at most `max_count`, of a table that `write_states` made, and of its arrays.
 
-    InputError for what is not of the type, the shape and the range that a state of `problem` has.
+    InputError if the type, shape or range of a value is not that of a state of `problem`.
     """
     for key in ("settings", "rows"):
         found = table.get(key) if isinstance(table, dict) else None

@@ -1,7 +1,7 @@
 """What is calibrated, and with which settings: a scene, a measurement or recordings, as `CalibrationInput`.
 
-`with_settings` checks what somebody chooses, solver, number of modes, seed and settings, against the solver.
-`OpenRequest` is what a page is opened with: a scene, perhaps changed, and where its session begins.
+`with_settings` changes solver, number of modes, seed and settings, and checks that they suit the solver. `OpenRequest`
+describes what a page is opened with: a scene, perhaps changed, and the states with which its session begins.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..recordings.recording import ImportOptions
 
 
-ProgressReport = Callable[[float, str], None]  # fraction done, 0 to 1, 0 where it is unknown, and a note
+ProgressReport = Callable[[float, str], None]  # gets the fraction done, 0 to 1, or 0 if it is unknown, and a note
 
 
 @dataclass(frozen=True)
@@ -32,23 +32,23 @@ class CalibrationInput:
     """A measurement and how to calibrate it."""
 
     name: str  # of the scene or the file
-    scene: Scene | None  # none where the measurement was read from a file, that of a measured scene, too
+    scene: Scene | None  # None if the measurement was read from a file, also by a measured scene
     measurement: Measurement  # without the `excluded` microphones
     settings: SolverSettings  # with a number of modes
     seed: int
     excluded: tuple[str, ...] = ()  # names or numbers of microphones left out
     estimate_sound_speed: bool = False
-    # (str, str, float) or None, two microphones, by name or number, and how far they are apart, metres
+    # (str, str, float) or None: names or numbers of two microphones, and their distance, metres
     distance: tuple[str, str, float] | None = None
     # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
     # unless given
     time_limit: float | None = None
-    all_modes: bool = False  # whether the number of modes was left to the measurement, the array and the solver
-    # what the positions of the measurement are called where errors are reported; true or nominal unless given
+    all_modes: bool = False  # whether nobody chose the number of modes, so that array and solver determine it
+    # how reports of errors call the positions of the measurement; "" for the true or the nominal positions
     compared_with: str = ""
-    remark: str = ""  # on how these positions belong to the channels; "" where there is none
-    labels: tuple[str, ...] = ()  # of the channels, with the names of a list that calls them otherwise; () without one
-    title: str = ""  # of a scene that is a measurement; the name unless given
+    remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
+    labels: tuple[str, ...] = ()  # of the channels, with their names in the list if it has others; () without a list
+    title: str = ""  # of a scene that is a measurement; "" stands for its name
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -65,8 +65,9 @@ def load_input(
 ) -> CalibrationInput:
     """Return the measurement of .npz files, of recordings, or of a scene.
 
-    `text`: the path of a file or folder, or the name of a scene. Several are recordings, or measurements, each a take.
-    `excluded`: names or numbers of microphones to leave out; `options`: how recordings are imported.
+    `text` is the path of a file or folder, or the name of a scene; several are the paths of takes, all recordings or
+    all measurements. `excluded` are names or numbers of microphones to leave out; `options` say how recordings are
+    imported.
     """
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
@@ -85,13 +86,13 @@ def load_input(
     elif len(texts) > 1:
         scene = next((one for one in texts if not one.lower().endswith(".npz")), None)
         if scene is not None:
-            problem = f"{scene} is no recording and no measurement, and stands among several files"
+            problem = f"{scene} is neither a recording nor a measurement, and several files must be one of them"
             raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
         measurement = Measurement.from_takes([load_measurement(one, excluded) for one in texts])
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
-        from ..model.scene import load_scene  # and all that a simulation is described by
+        from ..model.scene import load_scene
 
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
@@ -116,7 +117,7 @@ def measurement_input(
 
 
 def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
-    """Return `inputs` with a number of modes, where their settings leave it open."""
+    """Return `inputs` with a number of modes; that of the settings stays, if they have one."""
     settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
     if settings.modes != ALL_MODES:
         return inputs
@@ -127,7 +128,7 @@ def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
 def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str, ...] = ()) -> CalibrationInput:
     """Return `inputs` whose results are compared with the positions in a table or geometry.
 
-    `left_out`: channels that the import has left out, which the file may have.
+    `left_out` are channels that the import has left out; the file may have positions of them.
     """
     from ..model.measurement import FLAT, list_labels, with_positions
     from ..recordings.formats.positions import read_positions
@@ -138,13 +139,14 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
     labels, remark = list_labels(measurement.names, placed.names, missing)
     differ = np.ptp(placed.positions[:, 2])
     if measurement.array_dimension == 2 and differ > FLAT:
-        remark += f"{remark and '; '}its heights, which differ by {length_text(float(differ))}, do not count in a plane"
+        height = length_text(float(differ))
+        remark += f"{remark and '; '}its heights differ by {height} and are ignored, since the array is plane"
     called = f"the positions in {name}"
     return replace(inputs, measurement=measurement, compared_with=called, remark=remark, labels=labels)
 
 
 def scene_input(scene: Scene, progress: ProgressReport | None = None) -> CalibrationInput:
-    """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file."""
+    """Return the measurement of a scene, simulated or from the cache, or from the file of a measured scene."""
     from ..acoustics.measure import cached_measurement  # brings the simulation, which only scenes need
 
     measurement = cached_measurement(scene, progress)
@@ -190,7 +192,10 @@ def with_settings(
     seed: int | None = None,
     **others: str | float | tuple[float, ...] | None,
 ) -> CalibrationInput:
-    """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None: as is."""
+    """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None changes nothing.
+
+    InputError if the solver does not use a field that is given.
+    """
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)
     if seed is not None:
@@ -204,10 +209,10 @@ def with_settings(
     for key, value in given.items():
         option = declaration(SolverSettings, key)[1]
         if "solver" in option and (traits.ignores(key) or (key == "start" and not traits.starts)):
-            why, other = f'does nothing with solver.name = "{settings.name}"', option["solver"]
+            why, other = f'has no effect with solver.name = "{settings.name}"', option["solver"]
             raise refusal(key, value, why, f"leave out <{key}>, or use <solver> {other}")
         if "with_gains" in option and settings.gains == "fixed":
-            why = "does nothing with solver.gains = fixed"
+            why = "has no effect with solver.gains = fixed"
             raise refusal(key, value, why, f"leave out <{key}>, or use <gains> auto")
     if traits.needs_room and inputs.scene is not None:
         from ..model.scene import require_rectangle
@@ -221,18 +226,18 @@ def with_settings(
 class OpenRequest:
     """A request to open a page, or to replace what it shows."""
 
-    scene: Scene  # its `solver` says which solver there is and how it starts; `scene_edits.edited` changes it
-    # of the solver's start; the scene's unless given. The scene's draws microphones and noise
+    scene: Scene  # with the settings of the solver
+    # of the solver's start; None for the seed of the scene, which also draws its microphones and noise
     start_seed: int | None = None
-    measurement: Measurement | None = None  # in place of the scene's own, which is simulated or taken from the cache
-    # states of the solver, oldest first, that the history holds from the beginning; the start unless given
+    measurement: Measurement | None = None  # None for that of the scene, which is simulated or taken from the cache
+    # states of the solver, oldest first, with which the history begins; () for the start of the solver
     states: tuple = ()
-    index: int | None = None  # which of them is shown; the last unless given
-    # what the page's controls say, by the names of `viewer.state.Choices` and
-    # `viewer.cost_maps.MapStyle`; of those not named, the style of the page before is kept
+    index: int | None = None  # of the state that is shown; None for the last one
+    # values of the page's controls, by the names of `viewer.state.Choices` and `viewer.cost_maps.MapStyle`; the style
+    # of the previous page is kept where none is given
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once
-    fewer_modes: bool = False  # whether the number of modes is reduced to those available
+    fewer_modes: bool = False  # whether the number of modes is reduced to those that the measurement has
 
     def __post_init__(self):
         convert(self.start_seed, Seed | None, "start_seed")
@@ -248,7 +253,7 @@ class OpenRequest:
 
 
 def measurement_request(inputs: CalibrationInput) -> OpenRequest:
-    """Return the request for a page that shows a measurement, which has no scene."""
+    """Return the request for a page that shows a measurement without a scene."""
     settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
     scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
     return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
@@ -257,8 +262,8 @@ def measurement_request(inputs: CalibrationInput) -> OpenRequest:
 def scene_request(scene: Scene) -> OpenRequest:
     """Return the request for a page that shows a scene.
 
-    Where a scene is as in the paper, a plate with one source whose known microphones fix the frame and whose channels
-    have no faults, the page begins with the paper's method: microphones anywhere, moved one at a time.
+    If the scene is like those of the paper, a plate with one source, channels without faults and known microphones that
+    fix the frame, the page begins with the paper's method: random positions, and one microphone moves at a time.
     """
     if not isinstance(scene, MeasuredScene) and scene.room.dimension == 2 and scene.search is not None:
         from ..model.arrays import positions_of
@@ -273,7 +278,7 @@ def scene_request(scene: Scene) -> OpenRequest:
 
 
 def as_given(scene: Scene, measurement: Measurement) -> Measurement:
-    """Return the measurement that a page shows: without known microphones if the solver is given none."""
+    """Return the measurement that a page shows: without known microphones if the solver gets none."""
     if scene.solver.known != "none":
         return measurement
     return replace(measurement, known=(), known_positions=None)

@@ -1,7 +1,7 @@
-"""A recording day: takes one after the other, and what they say together.
+"""A recording day: takes one after the other, and the result of all takes so far.
 
-One inference serves all: the recordings are imported without their faulty channels, calibrated by solver robust, which
-names inverted and dead channels, and compared with a list of positions, which shows exchanged ones.
+The recordings are imported without their faulty channels and calibrated by solver robust, which finds inverted and dead
+channels. The comparison with a list of positions shows exchanged channels.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OPTIONS = ImportOptions(leave_out="bad", files="takes")
 
 @dataclass(frozen=True, eq=False)
 class TakesResult:
-    """What some takes say together."""
+    """The result of several takes."""
 
     takes: int
     inputs: CalibrationInput
@@ -42,8 +42,8 @@ class TakesResult:
     check: PositionCheck | None  # against the list; None without one
 
     @property
-    def of_list(self) -> list[str]:
-        """What the list has wrong, in words: exchanged channels, misplaced microphones, its size."""
+    def list_faults(self) -> list[str]:
+        """The faults of the list in words: exchanged channels, misplaced microphones, its size."""
         check, given, result = self.check, self.inputs.measurement.positions, self.result
         if check is None or given is None or not check.fits:
             return []
@@ -51,13 +51,13 @@ class TakesResult:
 
     @property
     def faults(self) -> list[str]:
-        """What is wrong with channels, in words."""
+        """The faults of channels and of the list, in words."""
         channels = self.result.channels
-        return [faults_text([fault]) for fault in (channels.faults if channels else ())] + self.of_list
+        return [faults_text([fault]) for fault in (channels.faults if channels else ())] + self.list_faults
 
     @property
     def sigma(self) -> float:
-        """One sigma of a position: root mean square over the healthy microphones, metres; NaN without."""
+        """One sigma of a position: root mean square over the healthy microphones, metres; NaN if it is unknown."""
         if self.result.uncertainty is None:
             return float("nan")
         return float(np.sqrt(np.mean(self.result.uncertainty[self.result.healthy] ** 2)))
@@ -74,22 +74,21 @@ class TakesResult:
                 lines.append("list    it fits the array found in no order")
         lines += [f"verdict {said['verdict']}", f"faults  {'; '.join(self.faults) or 'none found'}"]
         channels = result.channels
-        if self.of_list or any(FAULTS[fault.kind].mend for fault in (channels.faults if channels else ())):
+        if self.list_faults or any(FAULTS[fault.kind].mend for fault in (channels.faults if channels else ())):
             return [*lines, "next    correct the channels, and record this take again"]
-        after = self.sigma * float(np.sqrt(self.takes / (self.takes + 1)))  # it says as much as each of these does
+        after = self.sigma * float(np.sqrt(self.takes / (self.takes + 1)))  # with the information of an average take
         return [*lines, f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}"]
 
     @property
     def table(self) -> list[str]:
-        """The positions, as in the result's file, a line for each microphone."""
-        result, places = self.result, self.result.positions
-        sigma = np.full(len(places), np.nan) if result.uncertainty is None else result.uncertainty
+        """The positions as in the result file, a line for each microphone."""
+        result, positions = self.result, self.result.positions
+        sigma = np.full(len(positions), np.nan) if result.uncertainty is None else result.uncertainty
         faults = {} if result.channels is None else {fault.name: fault.kind for fault in result.channels.faults}
-        head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: places.shape[1]])
-        rows = zip(result.names, places, sigma, strict=True)
+        head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: positions.shape[1]])
         lines = [
-            f"{name:>10}{''.join(f'{x:z10.4f}' for x in place)}{length_text(one, 2):>12}  {faults.get(name, '')}"
-            for name, place, one in rows
+            f"{name:>10}{''.join(f'{x:z10.4f}' for x in position)}{length_text(one, 2):>12}  {faults.get(name, '')}"
+            for name, position, one in zip(result.names, positions, sigma, strict=True)
         ]
         return [f"microphone{head}   one sigma", *(line.rstrip() for line in lines)]
 
@@ -100,10 +99,10 @@ def takes_result(
     options: ImportOptions = OPTIONS,
     wording: Mapping[str, str] = ARGUMENTS,
 ) -> TakesResult:
-    """Return what the files of takes say together.
+    """Return the result of the files of several takes.
 
-    `positions`: file of a list that the array is compared with; `wording`: how the arguments of a verdict's remedy are
-    called. Raises InputError: the takes are too short, of too few microphones or of different arrays.
+    `positions` is the file of a list with which the array is compared; `wording` names the arguments in the remedy of a
+    verdict. InputError if the takes are too short, have too few microphones or are of different arrays.
     """
     measurement, report = measurement_of_takes(read_takes(takes, options), options)
     inputs = measurement_input(measurement, "takes" if len(takes) > 1 else "take")

@@ -12,7 +12,7 @@ from ..model.validation import InputError
 
 log = logging.getLogger(__name__)
 
-Flag = threading.Event  # ends the waiting of a loop early; any thread may set it
+Flag = threading.Event  # any thread may set it to wake a loop that waits
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,10 @@ class Delivery:
 
 
 class Lane:
-    """A thread for several workers, which starts with the first request.
+    """A thread that several workers share; it starts with the first request.
 
-    Of the workers with a request that waits, the one that was made first goes first.
-
-    A function that returns an iterator is a long computation: between its parts all others get their carry_out_one.
+    If several workers have a request that waits, the worker that was made first goes first. A function that returns an
+    iterator is a long computation: between its parts the requests of the other workers are carried out.
     """
 
     def __init__(self, name: str):
@@ -52,7 +51,7 @@ class Lane:
         return not self.thread.is_alive()
 
     def carry_out_one(self, besides: "LatestWorker | None" = None) -> bool:
-        """On the thread: carry out one request of a worker, other than `besides`; return whether one waited."""
+        """Carry out one request of a worker other than `besides`, on this thread; return whether there was one."""
         with self.changed:
             worker = next((one for one in self.workers if one.waiting and one is not besides), None)
             if worker is None or self._closed:
@@ -69,11 +68,11 @@ class Lane:
 
 
 class LatestWorker:
-    """Calls `function` with the newest requests; older ones than the `keep` that wait are dropped.
+    """Calls `function` with the newest requests; at most `keep` requests wait, and older ones are dropped.
 
-    `lane`: the thread, one of its own unless given. An exception becomes `latest.error`; the thread continues, and
-    calls `notify` after every delivery. `latest`: the newest delivery; `requested`: the arguments that `newest` has
-    requested last; None where they count no longer.
+    `lane` is the thread; without it the worker has its own. An exception becomes `latest.error`, and the thread
+    continues. `notify` is called after every delivery. `latest` is the newest delivery; `requested` are the last
+    arguments of `newest`, or None if they are no longer wanted.
     """
 
     def __init__(
@@ -113,14 +112,14 @@ class LatestWorker:
             self._lane.changed.notify_all()
 
     def newest(self, *arguments) -> Delivery | None:
-        """Request the computation, unless it was requested last; return the newest delivery, perhaps an older one."""
+        """Request the computation, unless it is the one requested last; return the newest delivery so far."""
         if arguments != self.requested:
             self.requested = arguments
             self.request(*arguments)
         return self.latest
 
     def wants(self, *arguments) -> bool:
-        """Return whether a request still counts: what a long computation asks between its parts."""
+        """Return whether the result of a request is still wanted; a long computation checks this between its parts."""
         return self.requested == arguments
 
     def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
@@ -133,7 +132,7 @@ class LatestWorker:
         return self._lane.close(timeout)
 
     def carry_out(self, arguments: tuple) -> None:
-        """On the thread: compute and deliver the result of a request."""
+        """Compute and deliver the result of a request, on the thread of the lane."""
         began = time.perf_counter()
         try:
             result = self._function(*arguments)
@@ -142,7 +141,7 @@ class LatestWorker:
                     pass
             delivery = Delivery(arguments, result=result)
         except Exception as error:
-            expected = isinstance(error, (InputError, OSError))  # the caller reports it, in one line
+            expected = isinstance(error, (InputError, OSError))  # the caller reports these in one line
             log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._name, exc_info=True)
             delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
         delivery = replace(delivery, began=began, ended=time.perf_counter())

@@ -165,7 +165,7 @@ def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_pl
     off = np.random.default_rng(0).normal(size=places.shape)
     far = compare_positions(places + 0.1 * off / np.linalg.norm(off, axis=1, keepdims=True) * np.eye(16)[:1].T, places)
     for code in CODES:
-        assert described(near, range(16), code).startswith("no swap seen: the largest distance, "), code
+        assert described(near, range(16), code).startswith("no swap is seen: the largest distance, "), code
         assert described(far, range(16), code).startswith("swaps cannot be detected"), code
         assert "--known none" in described(far, range(16), code, arguments={"known": "--known"})
         assert "known none" not in described(far, range(16), code, known=False)

@@ -17,7 +17,6 @@ from fdcal.assessment.uncertainty import (
     Prior,
     confidence_factor,
     covariance_of,
-    curvature_of,
     diffuse_information,
     ellipse_axes,
     one_sigma,
@@ -153,7 +152,7 @@ def test_the_covariance_follows_what_the_blocks_disagree_by_and_is_never_below_t
     data = still.data.reshape(9, 2, 9, 2)[range(9), :, range(9)]
     for dispersion, excess in ((1.0, 0.0), (0.0, 0.0), (3.0, 1.5)):
         blocks = covariance_of(replace(known, spread=replace(still, dispersion=dispersion)))
-        np.testing.assert_allclose(blocks, curvature_of(known) + excess * data, rtol=1e-12, atol=1e-18)
+        np.testing.assert_allclose(blocks, covariance_of(known, by_model=True) + excess * data, rtol=1e-12, atol=1e-18)
 
 
 def test_what_a_prior_states_is_no_error_of_the_data_and_not_widened(known, blind):

@@ -15,9 +15,9 @@ from fdcal.session.plan import (
     PlanRequest,
     arrival_matrix,
     make_plan,
-    places_in_room,
     plan_dict,
     plan_lines,
+    positions_in_room,
     read_layout,
 )
 from fdcal.solvers.robust.arrivals import Arrivals, TakeSources
@@ -110,7 +110,7 @@ def moved(count: int, places) -> Layout:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "microphones 4 and 5 are at one place"),
+        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "microphones 4 and 5 are at the same position"),
         (lambda: request_of("circle 16 0.3", room=(5.0, 0.7, 0.6)),
          r"the array, 0\.6 x 0\.6 m, does not fit .* 5 x 0\.7 x 0\.6 m.*smaller array or a larger"),
         (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),
@@ -145,7 +145,7 @@ def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
         request = PlanRequest(layout, room=size)
         text = "\n".join(plan_lines(make_plan(request)))
         assert ("the array is moved as a whole" in text) == moved
-        assert np.allclose(places_in_room(request), layout.positions) == (not moved)
+        assert np.allclose(positions_in_room(request), layout.positions) == (not moved)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.6, np.pi / 2])
@@ -247,7 +247,7 @@ def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
 def test_arrival_times_say_what_the_solver_takes_them_to_say():
     """With hardly any signal the forecast is that of arrival times alone, by the Gauss-Newton matrix of the solver."""
     request = request_of("ball 16 0.4", room=(9.0, 8.0, 5.0), kind="impulse", takes=1)
-    places, x = places_in_room(request), request.layout.positions
+    places, x = positions_in_room(request), request.layout.positions
     source = np.array([1.0, 1.0, 1.0])
     away, sigma = source - places.mean(axis=0), np.array([FORECAST.arrival_sigma_m])
     distance = np.linalg.norm(away)
