@@ -110,7 +110,7 @@ def moved(count: int, places) -> Layout:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "microphones 4 and 5 are at the same position"),
+        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 are at the same position"),
         (lambda: request_of("circle 16 0.3", room=(5.0, 0.7, 0.6)),
          r"the array, 0\.6 x 0\.6 m, does not fit .* 5 x 0\.7 x 0\.6 m.*smaller array or a larger"),
         (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),
