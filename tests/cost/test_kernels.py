@@ -11,6 +11,7 @@ from fdcal.cost.kernels import (
     diffuse_matrices,
     direction_count,
     directions_needed,
+    hermitian_inverses,
     plane_wave_covariance,
     plane_waves,
     wave_directions,
@@ -102,3 +103,11 @@ def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dim
     W = plane_waves(x, k, powers, dimension)
     phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))
     np.testing.assert_allclose(W, np.sqrt(w * powers)[..., None] * phase, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", [float, complex])
+def test_a_matrix_that_is_not_positive_definite_is_refused_by_its_mode(kind):
+    C = np.tile(np.eye(5, dtype=kind), (7, 1, 1))
+    C[4] *= -1
+    with pytest.raises(np.linalg.LinAlgError, match="mode 4"):
+        hermitian_inverses(C)

@@ -171,3 +171,15 @@ def test_a_missing_library_and_a_missing_portaudio_say_how_to_go_on(monkeypatch)
     with pytest.raises(InputError, match=r"PortAudio library not found.*libportaudio2.*replay a recording"):
         take.sound_card()
     assert missing.value.worded({"replay": "--replay FILE"}).endswith("or replay a recording: --replay FILE")
+
+
+def test_an_interrupt_that_nobody_catches_keeps_what_was_recorded(tmp_path):
+    soundfile.write(tmp_path / "from.wav", noise().T, RATE)
+    count = iter(range(100))
+
+    def wait(_):
+        if next(count) == 5:
+            raise KeyboardInterrupt
+
+    done = take.record_take(take.replayed(tmp_path / "from.wav", wait=wait), tmp_path / "take.wav", 30)
+    assert done.stopped and soundfile.info(tmp_path / "take.wav").frames == 0.5 * RATE

@@ -111,3 +111,9 @@ def test_windows_of_impossible_values_are_refused(name, value):
 def test_a_measurement_refuses_those_of_another_count(measured):
     with pytest.raises(InputError, match="microphones"):
         replace(measured, windows=measured.windows.of_microphones(np.arange(4)))
+
+
+@pytest.mark.parametrize("rate", [150, 210, 400])
+def test_there_are_none_of_a_recording_that_holds_low_frequencies_alone(rate):
+    recording = recording_of("x", "stationary", rate, noise()[:, : 4 * rate])
+    assert short_windows(recording, "stationary", ImportOptions()) is None

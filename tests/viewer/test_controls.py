@@ -8,11 +8,13 @@ import pytest
 from doubles import CallRecorder, State, finish, set_by_client, view_of
 from viser import _messages
 
+from fdcal.assessment.words import state_word
 from fdcal.graphics.picture import static_picture
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
+from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import MAP_KINDS, CostMapRequest, MapStyle, map_modes
 from fdcal.viewer.state import PageState
@@ -201,6 +203,11 @@ def test_a_key_does_what_its_button_does(page, keyboard):
     page[0].viewer.binding.choices.log = False
     keyboard("L")
     assert page[1] == [("choose", ("log", True))]
+    page[1].clear()
+    page[0].__dict__["viewer"] = None  # before there is a session
+    for key in DONE:
+        keyboard(key)
+    assert page[1] == []
 
 
 def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
@@ -347,3 +354,13 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
     set_by_client(viewer.tabs.run_bar.run, True)
     turn_until(lambda: label() and "log-likelihood" in label())
+
+
+def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):
+    class Restarted(State):
+        best_positions = controls[0].binding.run.measurement.positions
+
+    state = Restarted(Restarted.best_positions + 0.1)
+    said = html.status(view_of([state], running=True), controls[0].binding.measurement)
+    assert state_word(state, True) == "Trying another start; the best so far is kept"
+    assert "mean 0 mm" in said and "Trying another start" in said and "the best start is kept" in said

@@ -14,7 +14,7 @@ from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measurement import Measurement, save_measurement
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.session.sources import scene_input
@@ -84,6 +84,12 @@ def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
     assert measurement.errors(positions)[healthy].min() > 1e-3
     left_out = html.status(array.session.view, measurement, sought=healthy, left_out=["M00"])
     assert ">Healthy<" in left_out and "without microphone M00" in left_out
+
+
+def test_the_placeholder_scene_of_a_plane_array_in_space_has_its_dimensions(tiny):
+    scene = placeholder_scene(replace(tiny, dimension=3, search=None), "hall", SolverSettings(modes=2, first_modes=1))
+    assert (scene.room.dimension, scene.array.dimension) == (3, 2)
+    assert scene.gauge.indices(16) == tuple(tiny.known.tolist())
 
 
 @pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])

@@ -14,6 +14,8 @@ from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.heatmap import (
+    EDGE,
+    OTHERS,
     PLACE,
     basin_floor,
     cost_floor,
@@ -337,3 +339,13 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
                and map_on_page(viewer).rgb.shape == swept.rgb.shape)  # fmt: skip
     np.testing.assert_array_equal(map_on_page(viewer).rgb, swept.rgb)
     assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
+
+
+def test_many_basins_share_a_grey_and_the_edge_has_its_own():
+    x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
+    basins = basins_of(np.cos(27 * x) * np.cos(25 * y) + 0.1 * x)
+    floor = basin_floor(basins, SEARCH, NO_MARKS, (0.3, 0.3))
+    colours = [area.colour for area in floor.areas]
+    assert OTHERS in colours and EDGE in colours and len(colours) == len(set(colours))
+    percent = [float(area.text.split()[-2]) for area in floor.areas]
+    assert sum(percent) == pytest.approx(100, abs=3) and percent[1:6] == sorted(percent[1:6], reverse=True)
