@@ -122,10 +122,7 @@ FEW, MANY = [2, 7, 13], [1, 2, 6, 7, 9, 13, 16]
 
 @pytest.mark.parametrize(
     ("numbers", "factor", "verdict"),
-    [
-        (FEW, lambda f: np.exp(-2j * np.pi * f * 1e-3), "good"),
-        (MANY, lambda f: -np.ones_like(f), "model_mismatch"),
-    ],
+    [(FEW, lambda f: np.exp(-2j * np.pi * f * 1e-3), "good"), (MANY, lambda f: -np.ones_like(f), "model_mismatch")],
 )
 def test_faults_that_the_model_explains_are_no_mismatch_unless_they_are_many(healthy, numbers, factor, verdict):
     p = np.array(healthy.pressures)

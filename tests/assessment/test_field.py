@@ -14,12 +14,7 @@ from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.assessment.field import (
-    cross_validate,
-    expansions,
-    field_map,
-    leave_one_out_errors,
-)
+from fdcal.assessment.field import cross_validate, expansions, field_map, leave_one_out_errors
 from fdcal.graphics import exports
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.room import Room

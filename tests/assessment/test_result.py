@@ -16,14 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 from fdcal import Calibration
-from fdcal.assessment.calibration import (
-    ChannelFault,
-    Channels,
-    Evidence,
-    GivenPosition,
-    KnownRoom,
-    placed_in_frame,
-)
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, KnownRoom, placed_in_frame
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.model.gauge import FRAMES, in_frame

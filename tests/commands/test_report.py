@@ -61,21 +61,6 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     assert line_of(summary(inputs, unknown), "error").endswith(f"one sigma {sigma}")
 
 
-def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs):
-    measurement = inputs.measurement
-    rng = np.random.default_rng(0)
-    power = np.mean(np.abs(measurement.pressures) ** 2, axis=1)
-    noise = rng.normal(size=(2, *measurement.pressures.shape)) * np.sqrt(power / 2)[:, None] * 0.1
-    noisy = replace(
-        measurement, pressures=measurement.pressures + noise[0] + 1j * noise[1], noise_power=power * 1e-2 / 30
-    )
-    result = solve(replace(inputs, measurement=noisy))
-    ratio = result.evidence.noise_to_given
-    assert ratio == pytest.approx(30, rel=0.5)
-    assert fdcal.Calibration.from_json(result.to_json()).evidence.noise_to_given == ratio
-    assert f"{ratio:.2g} times what the noise explains" in result.verdict_text
-
-
 # What the plot commands write beside a picture.
 
 

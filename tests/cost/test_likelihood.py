@@ -8,14 +8,7 @@ from fields import measured
 
 from fdcal.cost import kernels
 from fdcal.cost.kernels import directions_needed
-from fdcal.cost.likelihood import (
-    FieldModel,
-    field_covariance,
-    isotropic_field,
-    likelihood_terms,
-    log_response,
-    spectra,
-)
+from fdcal.cost.likelihood import FieldModel, field_covariance, isotropic_field, likelihood_terms, log_response, spectra
 
 K = np.array([1.5, 2.5, 4.0])  # rad/m
 M = len(K)

@@ -153,17 +153,6 @@ def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
         load_scene(edited({key: None}))
 
 
-@pytest.mark.parametrize("table", ["room", "source", "array", "search", "gauge", "measurement", "solver"])
-def test_a_missing_table_is_named(edited, table):
-    path = edited({})
-    whole = path.read_text()
-    start = whole.index(f"[{table}]")
-    end = whole.find("\n[", start)
-    path.write_text(whole[:start] + (whole[end + 1 :] if end >= 0 else ""))
-    with pytest.raises(InputError, match=rf"{table} is missing; add it"):
-        load_scene(path)
-
-
 @pytest.mark.parametrize(
     ("name", "words"),
     [

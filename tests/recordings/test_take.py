@@ -9,8 +9,7 @@ import soundfile
 
 from fdcal.model import libraries
 from fdcal.model.validation import InputError
-from fdcal.recordings import formats, take
-from fdcal.recordings.channels import inspect_channels
+from fdcal.recordings import take
 
 RATE = 2000  # Hz
 
@@ -125,23 +124,6 @@ def test_a_take_keeps_an_existing_file_and_what_a_wav_file_cannot_hold_is_refuse
     assert (tmp_path / "take.wav").read_text() == "mine"
     with pytest.raises(InputError, match=r"write long.w64"):
         take.record_take(take.sound_card(), tmp_path / "long.wav", 200_000)
-
-
-def test_a_replay_gives_the_file_and_its_channels_are_judged_as_an_import_judges_them(tmp_path):
-    sound = noise(6)
-    sound[1], sound[4] = 0.0, sound[2]
-    sound[3] = np.clip(3 * sound[3], -0.2, 0.2)
-    soundfile.write(tmp_path / "from.wav", sound.T, RATE, subtype="PCM_24")
-    states = []
-    done = take.record_take(
-        take.replayed(tmp_path / "from.wav"), tmp_path / "take.wav", 30, lambda _, health: states.append(health) or True
-    )
-    assert (tmp_path / "take.wav").read_bytes()[-100:] == (tmp_path / "from.wav").read_bytes()[-100:]
-    imported = inspect_channels(formats.read(tmp_path / "take.wav"))
-    for health in (done.health, states[10]):
-        np.testing.assert_array_equal(health.bad, imported.bad)
-        assert [health.fault(n, done.names) for n in health.bad] == ["silent", "clipped", "a copy of 2"]
-    assert len(take.replayed(tmp_path / "from.wav", 2).names) == 2
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ import pytest
 
 from fdcal.graphics.reports import draw_plan
 from fdcal.model.validation import InputError, StorageError
-from fdcal.recordings.frequencies import default_max_rows
 from fdcal.session.plan import (
     FORECAST,
     Layout,
@@ -157,18 +156,6 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
     assert plans[0].bound.rms == pytest.approx(plans[1].bound.rms, rel=1e-6)
     assert ("coordinates in its plane" in plan_lines(plans[0])[0]) == (tilt > 0)
     PlanRequest(layout, room=(4.0, 0.7, 2.5))
-
-
-def test_several_takes_of_a_large_array_have_the_frequencies_that_an_import_takes():
-    whole, lowest = (request_of("ball 64 0.4", takes=4, reverberation_time=0.4, modes=modes) for modes in (None, 100))
-    count = default_max_rows(64, 4)
-    assert len(whole.frequencies) == len(lowest.frequencies) == count < 100 < len(whole.band_frequencies)
-    band = whole.limits[1] - whole.limits[0]
-    assert np.ptp(whole.frequencies) > 0.95 * band > np.ptp(lowest.frequencies), "the band, the lowest 100"
-    assert whole.frequencies[0] == lowest.frequencies[0]
-    for request, of in ((whole, len(whole.band_frequencies)), (lowest, 100)):
-        line = plan_lines(make_plan(request))[1]
-        assert f"{count} independent ones in each take, as many of {of} as an import" in line
 
 
 @pytest.mark.parametrize(

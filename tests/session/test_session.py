@@ -124,8 +124,6 @@ def test_a_run_stops_where_the_sweep_or_the_stage_has_risen_as_often_as_asked_fo
     assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
     assert session.view.state.step == 6
     session.reset()
-    session.step(2)
-    assert session.wait_for(lambda view: view.state.step == 2 and not view.running, WAIT)
     session.step(2, "sweep")
     assert session.wait_for(lambda view: view.state.sweep == 2 and not view.running, WAIT)
     assert session.view.state.step == 6

@@ -11,13 +11,7 @@ from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
 from fdcal.solvers.robust import channels, noise, objective, result
 from fdcal.solvers.robust.noise import with_silent_inside
-from fdcal.solvers.robust.objective import (
-    channel_step,
-    in_unit_power,
-    objective_of,
-    unknowns_of,
-    used_modes,
-)
+from fdcal.solvers.robust.objective import channel_step, in_unit_power, objective_of, unknowns_of, used_modes
 from fdcal.solvers.robust.state import FINAL
 
 COUNT, KNOWN, MODES = 24, [0, 5, 9, 14], 40

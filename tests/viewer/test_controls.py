@@ -16,7 +16,7 @@ from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import MAP_KINDS, CostMapRequest, MapStyle, map_modes
+from fdcal.viewer.cost_maps import MAP_KINDS
 from fdcal.viewer.state import PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
@@ -127,17 +127,6 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     session.step_time = 0.02
     panel.run_bar.refresh()
     assert [pace(now) for now in (40.0, 41.2)] == pytest.approx([25, 50]), "the next begins slowly, unless steps are"
-
-
-def test_a_map_of_fewer_modes_than_the_solver_uses_says_so(work):
-    state = State(work.measurement.positions, last=6)
-    modes, offset = next(
-        (modes, offset) for offset in range(8) if len(modes := map_modes(work, state, None, offset)) < state.last
-    )
-    drawn = SimpleNamespace(request=CostMapRequest(0, 0, modes, offset, False, MapStyle(), False, state, None))
-    assert f"{len(modes)} of the 6 modes that the solver uses" in map.orders_text(work, drawn)
-    drawn.request = dataclasses.replace(drawn.request, modes=(1, 2), custom_modes=True)
-    assert "that the solver uses" not in map.orders_text(work, drawn)
 
 
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import Recorder, State, finish, view_of
-from fields import measured
 
 from fdcal.cost.basins import OUTSIDE, basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
-from fdcal.graphics.overlays import with_ball
 from fdcal.graphics.picture import static_picture
-from fdcal.graphics.primitives import Floor
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
@@ -79,23 +76,6 @@ def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
     return SimpleNamespace(
         phase=phase, instance_index=index, end_position=point, client_id=page, client=SimpleNamespace(camera=camera)
     )
-
-
-def test_a_ball_in_a_valley_is_taken_where_it_is_drawn(picker):
-    x = np.linspace(-1.0, 1.0, 41)
-    valley = np.tile(-0.02 * (1 - x**2), (41, 1)).astype(np.float32)
-    floor = Floor(np.zeros((41, 41, 3), np.uint8), (1.0, 2.0), (0.4, 0.4), None, (), heights=valley)
-    places = np.array([[1.05, 2.1], [1.2, 2.2], [1.3, 2.1], [1.1, 2.3], [1.0, 2.0]])
-    picture = replace(static_picture(None, measured(places, [4])), marker_radius=0.01, z_range=(0.0, 0.0))
-    ball = next(
-        part for part in with_ball(picture, places[1], floor).meshes if part.name == "microphones/ball"
-    ).vertices
-    picker.made.show(places, floor, ball=1)
-    middle = (ball.min(axis=0) + ball.max(axis=0)) / 2
-    np.testing.assert_allclose(picker.handles.batched_positions[1], middle, atol=1e-6)
-    across = picker.handles.batched_scales[1] * np.linalg.norm(picker.shape["vertices"], axis=1).max()
-    assert np.linalg.norm(ball - middle, axis=1).max() < 0.7 * across
-    assert picker.shape["vertices"][:, 2].max() == 0, "a page finds the pointer on it from above"
 
 
 def test_a_drag_is_one_gesture_and_the_next_or_that_of_another_page_is_another(picker):
@@ -248,17 +228,6 @@ def test_with_shift_or_without_a_map_a_microphone_stays_where_the_pointer_puts_i
     turn_until(lambda: viewer.snapshot.picture.floor is None)
     viewer.drop.move(9, (0.72, 0.61), 3, False)
     turn_until(lambda: np.allclose(session.view.state.positions[9], (0.72, 0.61)))
-
-
-def test_a_drag_of_another_microphone_stays_one_drag_while_its_map_is_made(opened):
-    page, turn_until = opened
-    viewer, session = page.viewer, page.viewer.run.session
-    for step, released in enumerate([False, False, True]):
-        viewer.drop.move(12, (0.6 + 0.01 * step, 0.5), 7, released)
-        viewer.tick(1e6 + step)
-        assert session.view.count == 1 and viewer.drop._drag is not None
-    turn_until(lambda: viewer.drop._drag is None)
-    assert session.view.count == 2 and viewer.drop.tries == 1
 
 
 def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):

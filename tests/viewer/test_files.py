@@ -13,15 +13,11 @@ import numpy as np
 import pytest
 from browsing import WAIT
 from doubles import State, set_by_client, view_of, wait_until
-from matplotlib.colors import to_rgb
 from PIL import Image
 from replays import contents
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.maps import map_positions
-from fdcal.graphics.landscape import draw_landscape
-from fdcal.graphics.marks import ESTIMATE, LOWEST
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose, with_floor
 from fdcal.model.scene import load_scene
@@ -29,7 +25,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import CostMapWorker, fine_maps
+from fdcal.viewer.cost_maps import CostMapWorker
 from fdcal.viewer.state import Choices, PageState, initial_choices
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import LABELS, MapTab, caption
@@ -131,31 +127,6 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
         page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
         assert said in caption(first(CostMapWorker(run, threads), page.map_request, False), run.measurement)
-
-
-def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
-    figures = []
-    monkeypatch.setattr(
-        exports, "call", lambda _, __, panels, given: figures.append(draw_landscape(panels, **given)) or b""
-    )
-    exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
-    panels = [axes for axes in figures[0].axes if axes.images]
-    assert len(panels) == len(MODES) + 1
-    single, total, search = fine_maps(snapshot.run, snapshot.map_request, kept=range(len(MODES)))
-    for axes, cost in zip(panels, [*single, total], strict=True):
-        lines = {line.get_label(): line for line in axes.lines}
-        lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), search)[0]
-        for label, place in (
-            ("lowest cost", lowest),
-            ("true", snapshot.run.measurement.positions[MICROPHONE]),
-            ("estimate", snapshot.view.state.positions[MICROPHONE]),
-        ):
-            assert np.allclose(lines[label].get_xydata()[0], place)
-        assert lines["estimate"].get_marker() == "x", "a red cross is an estimate"
-        for label, colour in (("estimate", ESTIMATE), ("lowest cost", LOWEST)):
-            assert np.allclose(to_rgb(lines[label].get_color()), np.array(colour) / 255)
-        assert axes.images[0].get_array().shape == cost.shape, "as fine as the screen"
-    assert np.allclose(lowest, drawn.floor.lowest[0])
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter):

@@ -293,11 +293,7 @@ def set_oddly(viewer):
     viewer.binding.choose(objective=True, order_offset=3, log=False, minima=False, trails=True, ellipses=True)
     main.view.darken(True)
     set_by_client(main.export.kind, "Microphones (CSV)")
-    for control, value in (
-        (main.scene.noise, True),
-        (main.scene.radius, 0.31),
-        (main.scene.walls, "absorbing"),
-    ):
+    for control, value in ((main.scene.noise, True), (main.scene.radius, 0.31), (main.scene.walls, "absorbing")):
         set_by_client(control, value)
 
 

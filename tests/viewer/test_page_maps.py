@@ -13,15 +13,7 @@ from fdcal.cost.basins import basins_of, local_minima
 from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
 from fdcal.cost.scale import Minima
 from fdcal.graphics.annotations import legend_of
-from fdcal.graphics.heatmap import (
-    EDGE,
-    OTHERS,
-    PLACE,
-    basin_floor,
-    cost_floor,
-    descent_text,
-    marks_of,
-)
+from fdcal.graphics.heatmap import EDGE, OTHERS, PLACE, basin_floor, cost_floor, descent_text, marks_of
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
@@ -90,22 +82,6 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
     assert shown(viewer) == 3 and "(dB)" not in viewer.snapshot.picture.floor.bar.label
-
-
-def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
-    viewer.tick(0.0)
-    assert mapped(viewer) == 3
-    session, positions = viewer.run.session, np.array(viewer.run.measurement.positions)
-    ready = viewer.maps.worker.latest.ended
-    positions[7] += 0.03
-    session.view = view_of([State(positions)])
-    viewer.tick(ready + 0.1)
-    assert shown(viewer) == 3, "one other microphone has moved"
-    viewer.tick(ready + 1.5)
-    assert shown(viewer) is None, "but not for long"
-    session.view = view_of([State(positions + 0.01)])
-    viewer.tick(ready + 0.1)
-    assert shown(viewer) is None, "all have moved"
 
 
 def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):

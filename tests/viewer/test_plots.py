@@ -7,7 +7,6 @@ import pytest
 from doubles import State, view_of
 
 from fdcal.acoustics.dictionary import array_f_max
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.session import StateCosts
 from fdcal.viewer import html, plots
 from fdcal.viewer.binding import Binding
@@ -106,19 +105,6 @@ def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history
     assert curves.error.data[1] == pytest.approx([2, 1, 2 / 3, 6])
     curves.show(PageState(view_of(states[:1]), 2.0, sought=np.array([4])))
     assert curves.error.data[1] == pytest.approx([1.0]), "and then without the channels at fault"
-
-
-def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
-    measured = cached_measurement(scene)
-    seen, levels = spectrum_plot.spectrum_levels(measured, 12)
-    assert seen.shape[1] <= spectrum_plot.MAX_POINTS and seen[1].max() == 0.0
-    at, power = measured.spectrum
-    for mode, f in enumerate(measured.frequencies):
-        near = np.abs(at - f) < scene.measurement.resolution / 2
-        assert abs(at[near][power[near].argmax()] - f) <= np.diff(at).max(), f"mode {mode + 1} is no peak"
-    assert len(levels) == 12 and (levels >= np.interp(measured.frequencies[:12], *seen) - 1e-9).all()
-    nothing, own = spectrum_plot.spectrum_levels(measurement, 6)
-    assert nothing is None and own.max() == pytest.approx(0.0)
 
 
 def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):

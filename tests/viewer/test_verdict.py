@@ -1,7 +1,6 @@
 """What the panels say: status, tables, remarks, and the verdict, when it comes and which channels do not count."""
 
 import dataclasses
-import logging
 import re
 import time
 from dataclasses import replace
@@ -19,8 +18,6 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.assessment.words import cost_words
 from fdcal.graphics.lesson_panels import channel_table
-from fdcal.graphics.overlays import with_faulty_channels
-from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import assess_state, solve
 from fdcal.session.process import one_blas_thread
@@ -30,7 +27,6 @@ from fdcal.viewer import html as words
 from fdcal.viewer import panels, prepare
 from fdcal.viewer.explore import Explore
 from fdcal.viewer.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
-from fdcal.viewer.server import process
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, ellipses_of
 from fdcal.viewer.tabs import microphones, spectrum
 from fdcal.viewer.tabs.microphones import given_table
@@ -155,17 +151,6 @@ def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown
     assert "<script>" not in given_table(replace(channels, given=(replace(wrong, name="<script>"),)))
 
 
-def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
-    measurement = fdcal.load("tiny")
-    picture = static_picture(None, measurement)
-    marked = with_faulty_channels(picture, measurement.positions, [INVERTED])
-    (mark,) = [mesh for mesh in marked.meshes if mesh.name == "microphones/faulty"]
-    assert np.allclose(
-        mark.vertices[:, :2].mean(axis=0), measurement.positions[INVERTED], atol=picture.marker_radius / 4
-    )
-    assert with_faulty_channels(picture, measurement.positions, []) is picture
-
-
 def test_microphones_are_listed_by_descending_error(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
     html = microphones.position_table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
@@ -196,21 +181,6 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
         words.remark(evil),
     ):
         assert "<script" not in html and "&lt;script" in html
-
-
-def test_the_status_names_the_path_of_the_log(measurement, tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "<b>"))
-    with process.error_log():
-        try:
-            raise ValueError("the matrix is singular")
-        except ValueError:
-            logging.getLogger("fdcal.viewer.anything").exception("the solver stopped")
-        html = words.status(view_of([State(measurement.positions)], error="it broke"), measurement)
-        assert "&lt;b&gt;/view.log" in html and "<b>/" not in html and "it broke" in html
-    assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")
-    line = capsys.readouterr().err
-    assert "the solver stopped" in line and "view.log" in line and "Traceback" not in line
-    assert process.log_location() == "the terminal's log" and not logging.getLogger("fdcal").handlers
 
 
 def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(page_of, scene, monkeypatch):

@@ -4,15 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import (
-    begin_anew,
-    hover,
-    middle,
-    on_screen,
-    pick,
-    run_to_the_end,
-    tab,
-)
+from browsing import begin_anew, hover, middle, on_screen, pick, run_to_the_end, tab
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.viewer import session_view

@@ -24,8 +24,6 @@ from fdcal.session.lesson import Lesson, LessonSetting, LessonStep, Quantity, Sc
 from fdcal.solvers import names as solver_names
 from fdcal_bench.command import study
 
-pytestmark = pytest.mark.usefixtures("remembered_runs")
-
 RECORDING = text_of(DOCS / "how-to" / "bring-your-recording.md")
 LESSONS = text_of(DOCS / "how-to" / "write-a-lesson.md")
 COMMANDS = text_of(DOCS / "reference" / "command-line.md")

@@ -7,8 +7,6 @@ import pytest
 import fdcal
 from benchmarks.documents import README, blocks, text_of
 
-pytestmark = pytest.mark.usefixtures("remembered_runs")
-
 TEXT = text_of(README)
 
 
