@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from fdcal.model.gauge import align
 
-from .bench_real import CONDITIONS, DATA, NOMINAL
+from .bench_real import CONDITIONS, FRL, NOMINAL
 
 ALONE = True
 SPEED = 343.2  # m/s
@@ -51,7 +51,7 @@ def unit(angles: np.ndarray) -> np.ndarray:
 
 def heard(condition: str, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Delays (6,), s, and direction (2,), rad, of each sound of a condition that fits places `x` (6, 3) roughly."""
-    for path in sorted((DATA / condition).glob("*.wav")):
+    for path in sorted((FRL / condition).glob("*.wav")):
         samples, rate = soundfile.read(path)
         p = samples[:400, :6].T
         f, spectra = np.fft.rfftfreq(1600, 1 / rate), np.fft.rfft(p, 1600)
@@ -82,8 +82,8 @@ def positions(sounds: list[tuple[np.ndarray, np.ndarray]], x: np.ndarray) -> np.
 
 
 def run() -> Iterator[str]:
-    if not DATA.is_dir():
-        yield f"frl_array: skipped, {DATA} is absent; FDCAL_REAL_DATA names the folder that it is in"
+    if not FRL.is_dir():
+        yield f"frl_array: skipped, {FRL} is absent; FDCAL_REAL_DATA names the folder that it is in"
         return
     nominal = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:6, 1:]
     nominal = nominal - nominal.mean(axis=0)
