@@ -63,14 +63,18 @@ def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: 
     """
     if kind == "map":
         return affine(problem, modes, lowest)
-    D = problem.array_dimension
-    blind = replace(problem, known=np.zeros(0, np.int64), known_positions=np.zeros((0, D)), frame=None)
     if kind == "coherence":
-        used = slice(0, modes, modes // lowest)
+        used, D = slice(0, modes, modes // lowest), problem.array_dimension
         x = coherence_start(problem.pressures[used], problem.wavenumbers[used], noise, problem.dimension, D)
     else:
-        x = affine(blind, modes, lowest)
+        x = affine(without_given(problem), modes, lowest)
     return aligned(problem, x) if len(problem.known) else x
+
+
+def without_given(problem: Problem) -> Problem:
+    """Return the problem without given positions."""
+    places = np.zeros((0, problem.array_dimension))
+    return replace(problem, known=np.zeros(0, np.int64), known_positions=places, frame=None)
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:

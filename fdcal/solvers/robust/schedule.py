@@ -283,7 +283,9 @@ def with_windows(problem: Problem, state: State) -> State | None:
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
     if term is None:
         return None
-    claim = claim_of(problem, state)
+    # Given positions determine the array beside the pressures, and would hide how unreliable these are.
+    no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
+    claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
     ratio = term.disagreement(state.positions, claim.spread.covariance)
     fitted = replace(
         model,
