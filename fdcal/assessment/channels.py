@@ -20,6 +20,8 @@ INVERTED_PHASE = 2.5  # radians, absolute phase above which a channel counts as 
 MAX_NOISE = 12.0  # noise over that of the median channel above which a channel is noisy
 # fraction of the power below which noise is not a fault, because the misfit of the field model may cause it
 MIN_NOISE = 1e-4
+# Noise below what an error of the position of three sigmas causes is not a fault either, up to a fraction of 1 %
+POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
 UNPREDICTED_TO_MEDIAN = 3.0  # factor by which this fraction must also exceed that of the median channel
 
@@ -34,7 +36,11 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     contradicted = estimate.given.contradicted
     if contradicted is not None and estimate.given.sigma == 0:  # at a wrong exact position the error appears as noise
         tau[estimate.problem.known] = contradicted.noise
-    tau = np.where(tau * estimate.field.noise_fraction < MIN_NOISE, 1.0, tau)
+    k = np.abs(estimate.problem.wavenumbers[estimate.modes])
+    squares = np.trace(covariance, axis1=1, axis2=2)  # of one sigma, metres
+    by_position = POSITION_SIGMAS**2 * np.mean(k**2) * squares / estimate.problem.dimension
+    least = np.clip(by_position, MIN_NOISE, MAX_BY_POSITION)
+    tau = np.where(tau * estimate.field.noise_fraction < least, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     fraction = np.mean(1 / (terms.precision * variance), axis=0)  # of the variance, which the others do not predict
     unpredicted = (fraction > UNPREDICTED) & (fraction > UNPREDICTED_TO_MEDIAN * np.median(fraction))

@@ -181,8 +181,11 @@ def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
     noise[FAULTY] = 100.0
     noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
     low = replace(noisy, field=replace(estimate.field, noise_fraction=1e-8))
-    assert list(faulty_channels(noisy, covariance_of(noisy), NAMES)) == [FAULTY]
-    assert faulty_channels(low, covariance_of(low), NAMES) == {}
+    covariance = np.array(covariance_of(noisy))
+    assert list(faulty_channels(noisy, covariance, NAMES)) == [FAULTY]
+    assert faulty_channels(low, covariance, NAMES) == {}
+    covariance[FAULTY] = 0.03**2 * np.eye(2)  # an error of the position causes as much
+    assert faulty_channels(noisy, covariance, NAMES) == {}
 
 
 def test_a_given_position_within_its_sigma_is_not_misplaced(estimate):
