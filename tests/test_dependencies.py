@@ -1,7 +1,6 @@
 """pyproject.toml, CONTRIBUTING.md, `.ci/run` and the workflow agree on what fdcal needs and is tested with."""
 
 import functools
-import importlib
 import re
 import subprocess
 import sys
@@ -19,7 +18,6 @@ from fdcal.model.libraries import LIBRARY, missing_library
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-ROW = re.compile(r"^\| (\w+) (<[\d.]+) \| (.*?) \| (.*?) \| (.*?) \|$", re.MULTILINE)
 NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -76,22 +74,6 @@ def test_the_lowest_versions_are_those_of_pyproject():
 
 
 # -- private names -----------------------------------------------------------------------------------------------------
-
-
-def table() -> list[tuple[str, str, set[str], set[str]]]:
-    """Library, bound, private names and modules of each row of CONTRIBUTING's table."""
-    rows = ROW.findall((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
-    quoted = re.compile(r"`([^`]+)`")
-    return [(name, bound, set(quoted.findall(names)), set(quoted.findall(at))) for name, bound, names, at, _ in rows]
-
-
-def test_the_table_has_the_bounds_of_pyproject_and_its_modules_exist():
-    for module in ("viser._messages", "viser.infra._infra", "viser.infra._async_message_buffer",
-                   "websockets.asyncio.server", "numba.core.config", "numba.core.cgutils"):  # fmt: skip
-        importlib.import_module(module)
-    lines = [line for part in (PROJECT["dependencies"], EXTRAS["page"], EXTRAS["record"]) for line in part]
-    bounded = {NAME.match(line).group(): line.split(",")[1] for line in lines if "<" in line}
-    assert bounded == {name: bound for name, bound, _, _ in table()}
 
 
 # -- where it is tested ------------------------------------------------------------------------------------------------

@@ -10,21 +10,7 @@ from solving import run_from
 from fdcal import solvers
 from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.eq7 import (
-    FieldExpansion,
-    ReferenceCost,
-    carried_modes,
-    coefficients,
-    cost,
-    decibels,
-    functions,
-    known_weights,
-    landscape,
-    leave_one_out_fits,
-    reference_cost_of,
-    require_modes,
-    residual,
-)
+from fdcal.cost import eq7
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.maps import eq7_maps, mode_powers, mode_shape
 from fdcal.model.problem import ChannelCorrection
@@ -46,7 +32,7 @@ ARGUMENTS = (PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, CENTRE)
 
 def test_landscape_is_eq_7_by_brute_force():
     """By a pseudo-inverse for every candidate."""
-    found = landscape(GUESS, 7, CANDIDATES, *ARGUMENTS)
+    found = eq7.landscape(GUESS, 7, CANDIDATES, *ARGUMENTS)
     for m, (p, k, L) in enumerate(zip(PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, strict=True)):
         for c, candidate in enumerate(CANDIDATES):
             moved = GUESS.copy()
@@ -62,20 +48,20 @@ def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(or
     p = PROBLEM.pressures[[0, 4, 8]][:, :20]
     means = np.stack([p[:, at == place].mean(axis=1) for place in at], axis=1)
     arguments = p, k, [order] * 3, CENTRE
-    np.testing.assert_allclose(residual(GUESS[at], *arguments), means - p, atol=1e-9)
+    np.testing.assert_allclose(eq7.residual(GUESS[at], *arguments), means - p, atol=1e-9)
     for one, wavenumber in zip(p, k, strict=True):
         W = fourier_bessel(GUESS[at], wavenumber, order, CENTRE)
         distinct = one.reshape(4, 5).mean(axis=0)  # of all solutions Eq. 5 takes the one of least norm
         shortest = W[:5].conj().T @ np.linalg.solve(W[:5] @ W[:5].conj().T, distinct)
-        np.testing.assert_allclose(coefficients(W, one), shortest, atol=1e-6 * np.abs(shortest).max())
-    there = landscape(GUESS[at], 7, GUESS[[at[7]]], *arguments)[:, 0]
+        np.testing.assert_allclose(eq7.coefficients(W, one), shortest, atol=1e-6 * np.abs(shortest).max())
+    there = eq7.landscape(GUESS[at], 7, GUESS[[at[7]]], *arguments)[:, 0]
     np.testing.assert_allclose(there, np.sum(np.abs(means - p) ** 2, axis=1), atol=1e-9)
 
 
 def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
     """J_l(z) of an array far smaller than the wavelength is below 1e-12 from some order on."""
     k, p = np.array([0.1]), np.random.default_rng(6).normal(size=(1, 24)) + 0j
-    enough, ample = (cost(GUESS, p, k, [order], CENTRE)[0] for order in (8, 11))
+    enough, ample = (eq7.cost(GUESS, p, k, [order], CENTRE)[0] for order in (8, 11))
     assert ample == pytest.approx(enough, rel=1e-9)
 
 
@@ -85,7 +71,9 @@ def test_known_weight_multiplies_the_squared_residual_of_the_known_microphones(k
     n, m = 7, 3
     W = fourier_bessel(GUESS, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
     rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
-    fit = leave_one_out_fits([W], PROBLEM.pressures[m : m + 1], n, weights=known_weights(PROBLEM, known_weight))[0]
+    fit = eq7.leave_one_out_fits(
+        [W], PROBLEM.pressures[m : m + 1], n, weights=eq7.known_weights(PROBLEM, known_weight)
+    )[0]
     weights = np.ones(len(GUESS))
     weights[[0, 1, 2]] = known_weight
     expected = []
@@ -111,14 +99,14 @@ ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
 def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimension, D, scale):
     """Inside the tables and beyond them."""
     problem = replace(PLANE, dimension=dimension, array_dimension=D)
-    expansion = FieldExpansion(problem, 0)
+    expansion = eq7.FieldExpansion(problem, 0)
     points, centre = scale * np.random.default_rng(0).uniform(-0.5, 0.5, (15, D)), np.full(D, 0.01)
     for group in expansion.groups(range(len(expansion.carried.modes))):
         for number, rows in zip(group, expansion.rows(points, centre, group), strict=True):
             order, k = int(expansion.carried.orders[number]), problem.wavenumbers[expansion.carried.modes[number]]
             build = fourier_bessel if dimension == 2 else spherical_bessel
             W = build(points, complex(k), order, centre)
-            assert rows.shape == W.shape == (15, functions(problem, order))
+            assert rows.shape == W.shape == (15, eq7.functions(problem, order))
             factor = np.sum(W * rows.conj(), axis=0) / np.sum(np.abs(rows) ** 2, axis=0)
             assert np.all(np.abs(rows * factor - W) < 1e-9 * np.abs(W).max(axis=0))
 
@@ -126,9 +114,9 @@ def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimensio
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(dimension, D):
     problem = replace(PLANE, dimension=dimension, array_dimension=D)
-    count = functions(problem, int(carried_modes(problem, 0).orders[-1]))
+    count = eq7.functions(problem, int(eq7.carried_modes(problem, 0).orders[-1]))
     exactly, more = (
-        carried_modes(replace(problem, pressures=np.ones((14, n), complex)), 0).modes for n in (count, count + 1)
+        eq7.carried_modes(replace(problem, pressures=np.ones((14, n), complex)), 0).modes for n in (count, count + 1)
     )
     assert len(exactly) < len(more)
 
@@ -143,7 +131,7 @@ def assert_best(positions, n, centre, modes, weight):
     """The search finds the least of Eq. 7, summed over the modes, at all points of the lattice."""
     numbers = range(len(LATTICE.orders))[modes]
     W = LATTICE.dictionary(positions, centre, numbers)
-    fits = leave_one_out_fits(W, PROBLEM.pressures[modes], n, known_weights(PROBLEM, weight))
+    fits = eq7.leave_one_out_fits(W, PROBLEM.pressures[modes], n, eq7.known_weights(PROBLEM, weight))
     rows = (LATTICE.dictionary(LATTICE.points, centre, [m])[0] for m in numbers)
     total = sum(fit.cost_of(w) for fit, w in zip(fits, rows, strict=True))
     place, least = best_candidate(PROBLEM, LATTICE, positions, n, centre, modes, weight)
@@ -165,9 +153,9 @@ def test_on_the_lattice_and_off_it_and_where_the_dictionary_has_no_full_rank(n, 
 def test_modes_that_the_microphones_cannot_carry_are_refused():
     problem = measured(TRUTH[:8], [0, 1, 2], highest=300.0).problem()
     with pytest.raises(InputError, match=r"2L \+ 1 = .* functions for 8 microphones; use at most"):
-        require_modes(problem, 2, 30)
+        eq7.require_modes(problem, 2, 30)
     with pytest.raises(InputError, match="were measured; use at most"):
-        require_modes(problem, 2, 1000)
+        eq7.require_modes(problem, 2, 1000)
 
 
 # The cost by which the positions of all solvers are compared, also where the solver estimates faulty channels.
@@ -183,7 +171,7 @@ def brute_force(problem, positions, offset):
         L = int(max_order(k, problem.search.radius, offset))
         if problem.dimension == 2:
             if 2 * L + 1 < len(p):
-                left += cost(positions, p[None], [k], [L], positions.mean(axis=0))[0]
+                left += eq7.cost(positions, p[None], [k], [L], positions.mean(axis=0))[0]
                 power += np.sum(np.abs(p) ** 2)
             continue
         W = spherical_bessel(positions, complex(k), L, positions.mean(axis=0))
@@ -199,25 +187,27 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     problem, rng = measurement.problem(), np.random.default_rng(0)
     for spread in (0.0, 0.01, 0.3):
         positions = measurement.positions + spread * rng.normal(size=measurement.positions.shape)
-        assert ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
-    raw = ReferenceCost(measurement.problem("raw"))
-    assert raw.count == ReferenceCost(problem).count and raw(measurement.positions) < -30, "however modes are scaled"
-    assert np.isnan(raw(np.nan * positions)) and np.isnan(decibels(np.nan)) and decibels(0.0) == -160
+        assert eq7.ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
+    raw = eq7.ReferenceCost(measurement.problem("raw"))
+    assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, (
+        "however modes are scaled"
+    )
+    assert np.isnan(raw(np.nan * positions)) and np.isnan(eq7.decibels(np.nan)) and eq7.decibels(0.0) == -160
     far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
-    assert ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
+    assert eq7.ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
 
 
 def test_few_microphones_lower_the_order_and_too_few_have_none():
     measurement = cached_measurement(load_scene("tiny"))
     problem = measurement.problem()
     six = replace(problem, pressures=problem.pressures[:, :6])
-    assert ReferenceCost(six).order_offset < 2 and np.isfinite(ReferenceCost(six)(measurement.positions[:6]))
+    assert eq7.ReferenceCost(six).order_offset < 2 and np.isfinite(eq7.ReferenceCost(six)(measurement.positions[:6]))
     two = replace(problem, pressures=problem.pressures[:, :2])
     with pytest.raises(InputError, match="too few"):
-        ReferenceCost(two)
+        eq7.ReferenceCost(two)
     with pytest.raises(InputError, match="search"):
-        ReferenceCost(replace(problem, search=None))
-    assert reference_cost_of(two) is None
+        eq7.ReferenceCost(replace(problem, search=None))
+    assert eq7.reference_cost_of(two) is None
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +226,7 @@ def run():
 
 def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
     truth, problem, states = run
-    reference_cost, channels, rng = ReferenceCost(problem), states[-1].channels, np.random.default_rng(0)
+    reference_cost, channels, rng = eq7.ReferenceCost(problem), states[-1].channels, np.random.default_rng(0)
     there = reference_cost(truth, channels)
     for n in np.setdiff1d(np.arange(len(truth)), FAULTY):
         away, moved = rng.normal(size=2), truth.copy()
@@ -246,11 +236,11 @@ def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
 
 def test_a_map_at_the_estimate_is_the_reference_cost(run):
     _, problem, states = run
-    state, reference_cost, search = states[-1], ReferenceCost(problem), problem.search
+    state, reference_cost, search = states[-1], eq7.ReferenceCost(problem), problem.search
     there = replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
     modes = range(1, reference_cost.count + 1)
     total = eq7_maps(problem, state.positions, 7, modes, 2, there, state.channels).sum(axis=0)
-    assert decibels(total[0, 0]) == pytest.approx(reference_cost.of(state), abs=1e-6)
+    assert eq7.decibels(total[0, 0]) == pytest.approx(reference_cost.of(state), abs=1e-6)
     alone = [eq7_maps(problem, state.positions, 7, (mode,), 2, there, state.channels)[0, 0, 0] for mode in modes]
     powers = mode_powers(problem, solvers.load(state.solver), state, modes, 2)
     assert powers @ alone / powers.sum() == pytest.approx(total[0, 0], rel=1e-9)
@@ -262,8 +252,8 @@ def test_gains_multiplied_into_the_pressures_come_out_again():
     gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
     spoiled = replace(problem, pressures=problem.pressures * gains)
     channels = ChannelCorrection(gains, np.ones(len(x)))
-    assert ReferenceCost(spoiled)(x, channels) == pytest.approx(ReferenceCost(problem)(x), abs=1e-6)
-    assert ReferenceCost(spoiled)(x) > ReferenceCost(problem)(x) + 20
+    assert eq7.ReferenceCost(spoiled)(x, channels) == pytest.approx(eq7.ReferenceCost(problem)(x), abs=1e-6)
+    assert eq7.ReferenceCost(spoiled)(x) > eq7.ReferenceCost(problem)(x) + 20
     maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
     np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
     turned = replace(spoiled, pressures=spoiled.pressures * np.exp(0.8j))  # the phase of a mode is unknown
@@ -284,6 +274,6 @@ def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
     x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
     noise = np.append(np.ones(len(x) - 1), 1e14)
     fewer = replace(problem, pressures=problem.pressures[:, :-1])
-    assert ReferenceCost(problem).count == ReferenceCost(fewer).count == 8
-    expected = ReferenceCost(fewer)(x[:-1])
-    assert ReferenceCost(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)
+    assert eq7.ReferenceCost(problem).count == eq7.ReferenceCost(fewer).count == 8
+    expected = eq7.ReferenceCost(fewer)(x[:-1])
+    assert eq7.ReferenceCost(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)

@@ -9,20 +9,9 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import heatmap, marks
+from fdcal.graphics import heatmap, marks, primitives
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import with_floor
-from fdcal.graphics.primitives import (
-    COLOUR_MAP,
-    DARK,
-    DIVERGING_COLOUR_MAP,
-    LIGHT,
-    SUPERSCRIPTS,
-    ColourBar,
-    Picture,
-    contrast,
-    format_number,
-)
 from fdcal.model.settings import Search
 from fdcal.viewer import plots
 from fdcal.viewer.tabs import spectrum as spectrum_plot
@@ -34,7 +23,7 @@ def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
     floor = cost_floor(cost, search)
     np.testing.assert_allclose(floor.origin, (0.95, 1.95))
     np.testing.assert_allclose(floor.size, (0.5, 0.3))
-    ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
+    ends = matplotlib.colormaps[primitives.COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
     np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
     np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
     assert (floor.bar.low, floor.bar.high) == pytest.approx(np.percentile(cost, [2, 98]).tolist())
@@ -47,7 +36,7 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     cost[1, 3] = 0.5
     floor = cost_floor(cost, search)
     np.testing.assert_allclose(floor.lowest, [(1.3, 2.1)])
-    bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
+    bare = primitives.Picture(primitives.LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
     diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
     np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.lowest[0], atol=1e-6)
     assert with_floor(bare, None).meshes == ()
@@ -87,7 +76,7 @@ def test_a_flat_map_is_drawn_too(value, log):
     ],
 )  # fmt: skip
 def test_ticks_say_where_their_value_lies(ends):
-    bar = ColourBar(*ends, "cost")
+    bar = primitives.ColourBar(*ends, "cost")
     assert 2 <= len(bar.ticks) <= 7
     assert len({text for _, text in bar.ticks}) == len(bar.ticks), "two ticks say the same"
     for (left, one), (right, other) in itertools.pairwise(bar.ticks):
@@ -96,7 +85,7 @@ def test_ticks_say_where_their_value_lies(ends):
         assert read(text) == pytest.approx(bar.low + share * (bar.high - bar.low), rel=1e-2)
 
 
-PLAIN = {chr(high): chr(low) for low, high in SUPERSCRIPTS.items()}
+PLAIN = {chr(high): chr(low) for low, high in primitives.SUPERSCRIPTS.items()}
 
 
 def read(text: str) -> float:
@@ -109,7 +98,7 @@ def read(text: str) -> float:
 
 @pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
 def test_numbers_are_written_without_exponents_of_a_computer(value):
-    text = format_number(value, 3)
+    text = primitives.format_number(value, 3)
     assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
 
 
@@ -138,7 +127,7 @@ def rgb(text):
 
 
 MARKS = {"true": marks.TRUE, "estimate": marks.ESTIMATE, "known": marks.KNOWN, "lowest": marks.LOWEST}
-ENDS = 255 * matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0])[:, :3]
+ENDS = 255 * matplotlib.colormaps[primitives.COLOUR_MAP]([0.0, 1.0])[:, :3]
 ON_MAP = {**MARKS, "faulty": marks.FAULTY, "low": ENDS[0], "high": ENDS[1]}
 MARKS["halo"] = marks.HALO
 TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
@@ -161,17 +150,17 @@ def test_colours_of_one_picture_are_distinguishable(palette, eye):
 
 @pytest.mark.parametrize("eye", EYES)
 def test_a_map_grows_lighter_with_the_cost_for_every_eye(eye):
-    colours = 255 * matplotlib.colormaps[COLOUR_MAP](np.linspace(0, 1, 64))[:, :3]
+    colours = 255 * matplotlib.colormaps[primitives.COLOUR_MAP](np.linspace(0, 1, 64))[:, :3]
     assert (np.diff(lab(colours, eye)[:, 0]) > 0).all()
-    low, middle, high = lab(255 * matplotlib.colormaps[DIVERGING_COLOUR_MAP]([0.0, 0.5, 1.0])[:, :3], eye)
+    low, middle, high = lab(255 * matplotlib.colormaps[primitives.DIVERGING_COLOUR_MAP]([0.0, 0.5, 1.0])[:, :3], eye)
     assert min(np.linalg.norm(low - high), np.linalg.norm(low - middle), np.linalg.norm(high - middle)) > APART
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("theme", [primitives.LIGHT, primitives.DARK], ids=["light", "dark"])
 def test_texts_stand_out_from_their_ground(theme):
     """Contrast of at least 7, the strictest of the Web Content Accessibility Guidelines."""
 
-    assert contrast((0, 0, 0), (255, 255, 255)) == pytest.approx(21)
-    assert contrast(theme.background, theme.foreground) > 7
+    assert primitives.contrast((0, 0, 0), (255, 255, 255)) == pytest.approx(21)
+    assert primitives.contrast(theme.background, theme.foreground) > 7
     shapes = [(entry.paths, entry.filled) for entry in marks.MARKS.values() if entry.text and entry.line_halo]
     assert len(shapes) == len(set(shapes)) == 10, "every mark has a shape of its own, too"

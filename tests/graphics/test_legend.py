@@ -9,17 +9,10 @@ import pytest
 from PIL import Image
 
 from fdcal.cost.scale import Minima
+from fdcal.graphics import overlays
 from fdcal.graphics.annotations import annotate, legend_of, margins
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import MARKS, symbol
-from fdcal.graphics.overlays import (
-    ellipse_scale,
-    with_ball,
-    with_ellipses,
-    with_faulty_channels,
-    with_trails,
-    with_volume,
-)
 from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
 from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import camera_of
@@ -74,9 +67,11 @@ def full(scene, measurement, estimate, floor):
     floor = replace(floor, curves=tuple(Curve(f"same in mode {mode}", line) for mode in (1, 2, 3)))
     picture = with_estimate(static_picture(scene, measurement), measurement, estimate, 5, floor, None, [4])
     picture = with_floor(picture, floor)
-    picture = with_trails(with_ball(picture, estimate[5], floor), np.stack([estimate, estimate + 0.05]))
-    picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
-    return with_faulty_channels(picture, estimate, [4])
+    picture = overlays.with_trails(
+        overlays.with_ball(picture, estimate[5], floor), np.stack([estimate, estimate + 0.05])
+    )
+    picture = overlays.with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
+    return overlays.with_faulty_channels(picture, estimate, [4])
 
 
 def names_of(picture):
@@ -110,7 +105,7 @@ def test_isosurfaces_are_named_with_their_levels(scene, measurement, estimate):
     decibels = 10 * np.linalg.norm(np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 17)])), axis=0) - 20
     cost, search = 10 ** (decibels / 10), Search((0.0, 0.0, 0.0), (1.6, 1.6, 1.6), 0.1, 0.8)
     volume = volume_of(cost, search, True)
-    picture = with_volume(compose(scene, measurement, estimate), volume)
+    picture = overlays.with_volume(compose(scene, measurement, estimate), volume)
     texts = [entry.text for entry in legend_of(picture)]
     assert volume.text in texts
 
@@ -118,15 +113,15 @@ def test_isosurfaces_are_named_with_their_levels(scene, measurement, estimate):
 @pytest.mark.parametrize("half_axis", [1e-5, 3e-4, 0.02])
 def test_the_legend_says_by_how_much_ellipses_are_enlarged(scene, measurement, estimate, half_axis):
     axes = np.tile(half_axis * np.eye(2), (8, 1, 1))
-    scale = ellipse_scale(axes, 0.5)
-    picture = with_ellipses(compose(scene, measurement, estimate), estimate, axes, scale=scale)
+    scale = overlays.ellipse_scale(axes, 0.5)
+    picture = overlays.with_ellipses(compose(scene, measurement, estimate), estimate, axes, scale=scale)
     text = legend_of(picture)[-1].text
     said = re.search(r"drawn ([\d]+) times larger", text)
     assert (said is None) == (scale == 1) and (scale == 1 or float(said[1]) == scale)
     rim = next(part for part in picture.lines if part.name == "ellipses").segments[:, 0, :2]
     reach = np.linalg.norm(rim.reshape(-1, 8, 2)[:, 0] - estimate[0], axis=1)
     np.testing.assert_allclose(reach, scale * half_axis, rtol=1e-4)
-    unscaled = with_ellipses(compose(scene, measurement, estimate), estimate, axes)
+    unscaled = overlays.with_ellipses(compose(scene, measurement, estimate), estimate, axes)
     assert ("too small to be seen" in legend_of(unscaled)[-1].text) == (half_axis < 0.01)
 
 

@@ -9,14 +9,7 @@ import pytest
 from fields import measured
 
 import fdcal
-from fdcal.model.measurement import (
-    REQUIRED,
-    Measurement,
-    MicrophonePositions,
-    load_measurement,
-    save_measurement,
-    with_positions,
-)
+from fdcal.model import measurement as model
 from fdcal.model.validation import InputError
 
 SPECTRUM = np.array([[10.0, 20.0, 30.0], [1.0, 4.0, 2.0]])
@@ -46,7 +39,7 @@ def test_noise_follows_the_unit():
 
 def test_derived_wavenumbers_follow_the_sound_speed_and_the_frequencies():
     pressures = np.exp(1j * np.arange(12.0)).reshape(3, 4)
-    one = Measurement([100.0, 150.0, 210.0], pressures, sound_speed=343.0)
+    one = model.Measurement([100.0, 150.0, 210.0], pressures, sound_speed=343.0)
     other = replace(replace(one, sound_speed=1500.0), frequencies=[110.0, 160.0, 220.0])
     np.testing.assert_allclose(other.wavenumbers, 2 * np.pi * other.frequencies / 1500)
     np.testing.assert_allclose(one.wavenumbers, 2 * np.pi * one.frequencies / 343)
@@ -77,7 +70,7 @@ def written(tmp_path):
 
     def write(**changes):
         path = tmp_path / "measured.npz"
-        save_measurement(measured(POSITIONS, (0, 1, 2), highest=100.0), path)
+        model.save_measurement(measured(POSITIONS, (0, 1, 2), highest=100.0), path)
         with np.load(path) as archive:
             table = {**archive, **changes}
         np.savez(path, **{key: value for key, value in table.items() if value is not None})
@@ -87,21 +80,23 @@ def written(tmp_path):
 
 
 def test_a_measurement_survives_the_round_trip(written):
-    given, back = measured(POSITIONS, (0, 1, 2), highest=100.0), load_measurement(written())
+    given, back = measured(POSITIONS, (0, 1, 2), highest=100.0), model.load_measurement(written())
     for name in ("frequencies", "pressures", "wavenumbers", "positions", "known", "known_positions"):
         assert np.array_equal(getattr(given, name), getattr(back, name))
         assert getattr(given, name).dtype == getattr(back, name).dtype
     assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
-    load_measurement(written(remark=np.array([None])))  # a key that fdcal does not know
-    back = load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS[[2, 0, 1]]))
+    model.load_measurement(written(remark=np.array([None])))  # a key that fdcal does not know
+    back = model.load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS[[2, 0, 1]]))
     assert back.known.tolist() == [0, 1, 2] and np.array_equal(back.known_positions, POSITIONS[:3]), "in any order"
-    assert np.array_equal(load_measurement(written(spectrum=SPECTRUM)).spectrum, SPECTRUM) and back.spectrum is None
+    assert (
+        np.array_equal(model.load_measurement(written(spectrum=SPECTRUM)).spectrum, SPECTRUM) and back.spectrum is None
+    )
 
 
-@pytest.mark.parametrize("key", REQUIRED)
+@pytest.mark.parametrize("key", model.REQUIRED)
 def test_a_required_key_is_asked_for(written, key):
     with pytest.raises(InputError, match=rf'has no "{key}"; a measurement needs'):
-        load_measurement(written(**{key: None}))
+        model.load_measurement(written(**{key: None}))
 
 
 @pytest.mark.parametrize(
@@ -132,7 +127,7 @@ def test_a_required_key_is_asked_for(written, key):
 )
 def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words):
     with pytest.raises(InputError) as caught:
-        load_measurement(written(**changes))
+        model.load_measurement(written(**changes))
     for word in words:
         assert word in str(caught.value)
 
@@ -141,8 +136,8 @@ def test_the_other_time_sign_is_refused(written):
     with np.load(written()) as archive:
         other = archive["wavenumbers"].conj()
     with pytest.raises(InputError, match=r"wavenumbers\[0\].*exp\(\+j w t\).*conjugate"):
-        load_measurement(written(wavenumbers=other))
-    assert load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
+        model.load_measurement(written(wavenumbers=other))
+    assert model.load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
 
 
 # Measurements of arrays; positions that somebody gives.
@@ -180,21 +175,21 @@ NUMBERED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES)
 
 
 def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_microphones():
-    reversed_names = MicrophonePositions(tuple("xedcba"), np.vstack([[9.0, 9, 9], PLACES[::-1]]))
-    numbered = MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
-    one_more = MicrophonePositions(tuple(f"Point {n}" for n in range(6)), np.vstack([PLACES, PLACES[:1] + 1]))
+    reversed_names = model.MicrophonePositions(tuple("xedcba"), np.vstack([[9.0, 9, 9], PLACES[::-1]]))
+    numbered = model.MicrophonePositions(tuple(f"Point {n}" for n in range(5)), PLACES)
+    one_more = model.MicrophonePositions(tuple(f"Point {n}" for n in range(6)), np.vstack([PLACES, PLACES[:1] + 1]))
     kept = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES[:, [0, 2, 4]], names=["0", "2", "4"])
-    np.testing.assert_array_equal(with_positions(NAMED, reversed_names).positions, PLACES)
-    np.testing.assert_array_equal(with_positions(NUMBERED, numbered).positions, PLACES)
-    np.testing.assert_array_equal(with_positions(kept, numbered, excluded=2).positions, PLACES[[0, 2, 4]])
+    np.testing.assert_array_equal(model.with_positions(NAMED, reversed_names).positions, PLACES)
+    np.testing.assert_array_equal(model.with_positions(NUMBERED, numbered).positions, PLACES)
+    np.testing.assert_array_equal(model.with_positions(kept, numbered, excluded=2).positions, PLACES[[0, 2, 4]])
     for measurement in (NAMED, NUMBERED):
         with pytest.raises(fdcal.InputError, match="6 positions are given for 5 microphones"):
-            with_positions(measurement, one_more)
+            model.with_positions(measurement, one_more)
     flat = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, dimension=2)
     with pytest.raises(fdcal.InputError, match="heights"):
-        with_positions(flat, MicrophonePositions(tuple("01234"), PLACES))
-    level = MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
-    np.testing.assert_array_equal(with_positions(flat, level).positions, PLACES[:, :2])
+        model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES))
+    level = model.MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
+    np.testing.assert_array_equal(model.with_positions(flat, level).positions, PLACES[:, :2])
 
 
 def test_joined_takes_keep_their_spectra():

@@ -69,10 +69,26 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
         ({"faults.phase_deg": "nan"}, ["faults.phase_deg"]),
         ({"source.positions": "[[1.58, 1.1], [0.1, 1.1]]"}, ["both given; keep one"]),
+        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 in one place", "larger array"]),
+        ({"array.random": "200"}, ["array.random = 200", "use at most"]),
+        ({"array.center": "[0.1, 0.54]"}, ["microphone 0", "outside the room", "change array.center"]),
+        (
+            {"room.size": None, "room.outline": "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"},
+            ["microphone 6 at (0.5, 0.74) m", "in a wall"],
+        ),
+        ({"source.position": "[2.0, 1.1]"}, ["source.position = [2.0, 1.1] m", "outside the room", "move it"]),
+        ({"source.position": "[0.75, 0.6]"}, ["source.position", "inside the array", "convex hull"]),
+        ({"gauge.known": "[0, 5]"}, ["gauge.known = [0, 5]", "three microphones"]),
+        ({"gauge.known": "[0, 1, 2]"}, ["gauge.known = [0, 1, 2]", "not on one line"]),
+        ({"gauge.known": "[0, 5, 16]"}, ["gauge.known names microphone 16", "0 to 15"]),
+        ({"gauge.known": "[0, 5, 5]"}, ["gauge.known", "twice"]),
+        ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
+        ({"search.origin": "[0.7, 0.3]"}, ["microphone 3", "search domain", "search.origin or search.size"]),
     ],
 )
 def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
-    assert_refused(words, load_scene, edited(changes))
+    path = edited(changes)
+    assert_refused(words, lambda: positions_of(load_scene(path)))
 
 
 @pytest.mark.parametrize(

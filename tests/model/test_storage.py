@@ -21,7 +21,7 @@ from fdcal.model import storage
 from fdcal.model.measurement import load_measurement
 from fdcal.model.room import folder_of
 from fdcal.model.scene import load_scene
-from fdcal.model.storage import parse_json, parse_toml, read_archive, read_bytes, write_atomically
+from fdcal.model.storage import parse_json, parse_toml, read_archive, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_places, read_positions
@@ -88,26 +88,6 @@ def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(nam
     (tmp_path / name).symlink_to(tmp_path / name)
     with pytest.raises(StorageError):
         read(tmp_path / name)
-
-
-class Endless(io.RawIOBase):
-    """A device without an end, which notices that it is read further than a little beyond the limit."""
-
-    given = 0
-
-    def readable(self) -> bool:
-        return True
-
-    def readinto(self, buffer) -> int:
-        self.given += len(buffer)
-        assert self.given < 10_000
-        return len(buffer)
-
-
-def test_a_file_beyond_the_limit_is_not_read_whole(monkeypatch):
-    monkeypatch.setattr(storage, "open", lambda *_: Endless(), raising=False)
-    monkeypatch.setattr(storage, "require_regular", lambda path: None)
-    assert "more than 1,000 bytes" in refusal(read_bytes, "long", 1000)
 
 
 def bomb(path: Path, key: str, megabytes: int = 480) -> Path:

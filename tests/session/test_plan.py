@@ -8,31 +8,21 @@ import pytest
 
 from fdcal.graphics.reports import draw_plan
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.plan import (
-    FORECAST,
-    Layout,
-    PlanRequest,
-    arrival_matrix,
-    make_plan,
-    plan_dict,
-    plan_lines,
-    positions_in_room,
-    read_layout,
-)
+from fdcal.session import plan as planning
 from fdcal.solvers.robust.arrivals import Arrivals, TakeSources
 
 
-def layout_of(path, places) -> Layout:
+def layout_of(path, places) -> planning.Layout:
     """The layout of a table of positions (N, 3), metres."""
     path.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places.tolist()))]))
-    return read_layout(str(path))
+    return planning.read_layout(str(path))
 
 
-CENTIMETRES = Layout("cm", tuple("0123456789"), np.random.default_rng(0).uniform(0, 60, (10, 3)))
+CENTIMETRES = planning.Layout("cm", tuple("0123456789"), np.random.default_rng(0).uniform(0, 60, (10, 3)))
 
 
 def request_of(text="circle 12 0.3", **others):
-    return PlanRequest(read_layout(text), **others)
+    return planning.PlanRequest(planning.read_layout(text), **others)
 
 
 @pytest.mark.parametrize(
@@ -46,16 +36,16 @@ def request_of(text="circle 12 0.3", **others):
     ],
 )
 def test_layouts_in_words_and_scenes(text, count, axes):
-    assert read_layout(text).positions.shape == (count, axes)
+    assert planning.read_layout(text).positions.shape == (count, axes)
 
 
 def test_layouts_from_files(tmp_path):
     table, geometry = tmp_path / "a.csv", tmp_path / "a.xml"
     table.write_text("name,x,y,z\na,0,0,1\nb,1,0,1\nc,0,1,1\n")
     geometry.write_text('<MicArray><pos Name="p" x="0" y="0" z="0"/><pos Name="q" x="1" y="0" z="0.5"/></MicArray>')
-    assert read_layout(str(table)).names == ("a", "b", "c")
-    assert read_layout(str(table)).positions.shape == (3, 2)  # one height: a plane
-    assert read_layout(str(geometry)).positions.shape == (2, 3)
+    assert planning.read_layout(str(table)).names == ("a", "b", "c")
+    assert planning.read_layout(str(table)).positions.shape == (3, 2)  # one height: a plane
+    assert planning.read_layout(str(geometry)).positions.shape == (2, 3)
 
 
 @pytest.mark.parametrize(
@@ -94,13 +84,13 @@ def test_requests_out_of_range(wrong, key):
 )
 def test_no_layout_is_one_line(text):
     with pytest.raises((InputError, StorageError)) as caught:
-        read_layout(text)
+        planning.read_layout(text)
     assert "\n" not in str(caught.value)
 
 
-def moved(count: int, places) -> Layout:
+def moved(count: int, places) -> planning.Layout:
     """A circle with the places of some microphones changed."""
-    layout = read_layout(f"circle {count} 0.2")
+    layout = planning.read_layout(f"circle {count} 0.2")
     positions = np.array(layout.positions)
     positions[list(places)] = list(places.values())
     return replace(layout, positions=positions)
@@ -109,13 +99,13 @@ def moved(count: int, places) -> Layout:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 are at the same position"),
+        (lambda: planning.PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 are at the same position"),
         (lambda: request_of("circle 16 0.3", room=(5.0, 0.7, 0.6)),
          r"the array, 0\.6 x 0\.6 m, does not fit .* 5 x 0\.7 x 0\.6 m.*smaller array or a larger"),
         (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),
          r"^2000\.0 to 2004\.0 Hz with a reverberation time of 0\.5 s hold"),
-        (lambda: PlanRequest(CENTIMETRES), "in metres, not in centimetres"),
-        (lambda: PlanRequest(CENTIMETRES, band=(50.0, 400.0)), "in metres, not in centimetres"),
+        (lambda: planning.PlanRequest(CENTIMETRES), "in metres, not in centimetres"),
+        (lambda: planning.PlanRequest(CENTIMETRES, band=(50.0, 400.0)), "in metres, not in centimetres"),
     ],
 )  # fmt: skip
 def test_a_refused_request_names_microphones_sizes_and_frequencies_with_their_digits(make, words):
@@ -127,7 +117,7 @@ LARGE = ("ball 40 0.4",)  # of which short windows do not count
 
 
 def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_the_number_of_takes():
-    blind, given, several = (make_plan(request_of(*LARGE, **others)) for others in (
+    blind, given, several = (planning.make_plan(request_of(*LARGE, **others)) for others in (
         {"modes": 20}, {"known": (0, 4, 8, 30)}, {"modes": 20, "takes": 4},
     ))  # fmt: skip
     assert any("mirror" in line for line in blind.degeneracies)
@@ -141,21 +131,21 @@ def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
     places = np.random.default_rng(0).uniform([1.7, 0.5, 0.5], [2.2, 1.0, 1.0], (10, 3))
     layout = layout_of(tmp_path / "a.csv", places)
     for size, moved in (((2.0, 2.0, 2.7), True), ((3.0, 2.0, 2.7), False)):
-        request = PlanRequest(layout, room=size)
-        text = "\n".join(plan_lines(make_plan(request)))
+        request = planning.PlanRequest(layout, room=size)
+        text = "\n".join(planning.plan_lines(planning.make_plan(request)))
         assert ("the array is moved as a whole" in text) == moved
-        assert np.allclose(positions_in_room(request), layout.positions) == (not moved)
+        assert np.allclose(planning.positions_in_room(request), layout.positions) == (not moved)
 
 
 @pytest.mark.parametrize("tilt", [0.0, 0.6, np.pi / 2])
 def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, tilt):
-    level = read_layout("rectangle 4x3 0.6x0.4").positions
+    level = planning.read_layout("rectangle 4x3 0.6x0.4").positions
     places = np.column_stack([level[:, 0], np.cos(tilt) * level[:, 1], np.sin(tilt) * level[:, 1]]) + [2.0, 1.5, 1.2]
     layout = layout_of(tmp_path / "a.csv", places)
-    plans = [make_plan(one) for one in (PlanRequest(layout), request_of("rectangle 4x3 0.6x0.4"))]
+    plans = [planning.make_plan(one) for one in (planning.PlanRequest(layout), request_of("rectangle 4x3 0.6x0.4"))]
     assert plans[0].bound.rms == pytest.approx(plans[1].bound.rms, rel=1e-6)
-    assert ("coordinates in its plane" in plan_lines(plans[0])[0]) == (tilt > 0)
-    PlanRequest(layout, room=(4.0, 0.7, 2.5))
+    assert ("coordinates in its plane" in planning.plan_lines(plans[0])[0]) == (tilt > 0)
+    planning.PlanRequest(layout, room=(4.0, 0.7, 2.5))
 
 
 @pytest.mark.parametrize(
@@ -169,8 +159,8 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
     ],
 )
 def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, counted):
-    plan = make_plan(request_of(text, **others))
-    assert any("short windows included" in line for line in plan_lines(plan)) == counted
+    plan = planning.make_plan(request_of(text, **others))
+    assert any("short windows included" in line for line in planning.plan_lines(plan)) == counted
     if counted:
         radius = np.sqrt(np.mean(np.sum(plan.request.layout.positions**2, axis=1)))
         assert 0.01 * radius < plan.forecast.rms < 0.05 * radius
@@ -178,9 +168,9 @@ def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, co
 
 def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not():
     """A short reverberation time makes neighbours alike over many hertz; the bound takes all for independent."""
-    few, many = (make_plan(request_of(*LARGE, band=(100.0, 300.0), modes=modes)) for modes in (None, 8))
+    few, many = (planning.make_plan(request_of(*LARGE, band=(100.0, 300.0), modes=modes)) for modes in (None, 8))
     assert all(plan.forecast.rms > plan.bound.rms for plan in (few, many))
-    plans = [make_plan(request_of(*LARGE, reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
+    plans = [planning.make_plan(request_of(*LARGE, reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
     closer = [plan.forecast.rms / plan.bound.rms for plan in plans]
     assert closer[0] == pytest.approx(closer[1], rel=0.1), "as many independent ones for each hertz of decorrelation"
     assert closer[2] < 1.2, "an import takes a part of them, which are far apart"
@@ -191,10 +181,10 @@ def test_what_the_array_cannot_interpolate_is_left_out_of_a_band():
     wide, whole = request_of("circle 8 0.2", band=(1.0, 1e5)), request_of("circle 8 0.2")
     cut = replace(wide, band=(1.0, whole.f_max))
     assert wide.limits == (1.0, whole.f_max) and np.array_equal(wide.frequencies, cut.frequencies)
-    plans = [make_plan(request) for request in (wide, cut)]
+    plans = [planning.make_plan(request) for request in (wide, cut)]
     assert plans[0].bound.rms == plans[1].bound.rms and np.array_equal(plans[0].expected, plans[1].expected)
-    assert "of 1 to 100000 Hz the higher ones are left out" in plan_lines(plans[0])[1]
-    assert "left out" not in plan_lines(plans[1])[1]
+    assert "of 1 to 100000 Hz the higher ones are left out" in planning.plan_lines(plans[0])[1]
+    assert "left out" not in planning.plan_lines(plans[1])[1]
 
 
 LIVING = {"room": (5.0, 4.0, 2.6), "reverberation_time": 0.4}
@@ -208,50 +198,52 @@ CASES = [
 
 @pytest.mark.parametrize(("text", "others"), CASES)
 def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
-    plans = [make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 30.0, 45.0)]
+    plans = [planning.make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 30.0, 45.0)]
     for plan in plans:
         assert np.all(np.diff(plan.expected, axis=1) <= 0), "less noise"
         assert np.all(np.diff(plan.expected, axis=0) <= 0), "another place of the source"
         assert plan.expected[plan.takes.index(plan.request.takes), 0] == plan.forecast.rms, "one quantity, one value"
-        assert plan.snr_db[0] == plan.request.snr_db and plan.snr_db[-1] <= max(FORECAST.max_snr_db, plan.snr_db[0])
+        assert plan.snr_db[0] == plan.request.snr_db and plan.snr_db[-1] <= max(
+            planning.FORECAST.max_snr_db, plan.snr_db[0]
+        )
     for name in ("rms", "low", "high"):
         assert np.all(np.diff([getattr(plan.forecast, name) for plan in plans]) <= 0)
-    other = make_plan(replace(plans[1].request, takes=8, snr_db=36.0)).forecast.rms
+    other = planning.make_plan(replace(plans[1].request, takes=8, snr_db=36.0)).forecast.rms
     assert plans[1].expected[plans[1].takes.index(8), plans[1].snr_db.index(36.0)] == pytest.approx(other, rel=1e-12)
     assert np.all(np.diff([plan.bound.rms for plan in plans]) <= 0)
 
 
 def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
     """They add little to one take, and never make the error worse."""
-    noise, impulse = (make_plan(request_of(*LARGE, kind=kind, **LIVING)) for kind in ("stationary", "impulse"))
+    noise, impulse = (planning.make_plan(request_of(*LARGE, kind=kind, **LIVING)) for kind in ("stationary", "impulse"))
     ratios = impulse.expected[:, 0] / noise.expected[:, 0]
     assert 1 >= ratios[0] >= ratios[1] > ratios[2] > ratios[3] and ratios[2] < 0.7
-    four = make_plan(replace(impulse.request, takes=4))
+    four = planning.make_plan(replace(impulse.request, takes=4))
     for plan, words in ((impulse, "arrival times add too little"), (four, "arrival times included")):
-        assert words in "\n".join(plan_lines(plan))
+        assert words in "\n".join(planning.plan_lines(plan))
 
 
 def test_arrival_times_say_what_the_solver_takes_them_to_say():
     """With hardly any signal the forecast is that of arrival times alone, by the Gauss-Newton matrix of the solver."""
     request = request_of("ball 16 0.4", room=(9.0, 8.0, 5.0), kind="impulse", takes=1)
-    places, x = positions_in_room(request), request.layout.positions
+    places, x = planning.positions_in_room(request), request.layout.positions
     source = np.array([1.0, 1.0, 1.0])
-    away, sigma = source - places.mean(axis=0), np.array([FORECAST.arrival_sigma_m])
+    away, sigma = source - places.mean(axis=0), np.array([planning.FORECAST.arrival_sigma_m])
     distance = np.linalg.norm(away)
     path = np.linalg.norm(places - source, axis=1)
     start = TakeSources(away[None] / distance, np.array([1 / distance]), np.zeros(1))
     term = Arrivals((path - np.median(path))[None], np.ones((1, 16), bool), sigma, sigma, 3, start).terms(x)
-    found = arrival_matrix(places, source, 3)
+    found = planning.arrival_matrix(places, source, 3)
     np.testing.assert_allclose(found, term.matrix, atol=1e-6 * np.abs(term.matrix).max())
 
 
 @pytest.mark.parametrize(("text", "others"), CASES)
 def test_the_advice_follows_from_the_table(text, others):
-    plan = make_plan(request_of(text, **others))
+    plan = planning.make_plan(request_of(text, **others))
     own, values = plan.takes.index(plan.request.takes), np.unique(plan.expected)
     for accuracy in (*values * 0.999, *values * 1.001):
         one = replace(plan, request=replace(plan.request, accuracy=float(accuracy)))
-        advice, reached = plan_lines(one)[-1], plan.expected <= accuracy
+        advice, reached = planning.plan_lines(one)[-1], plan.expected <= accuracy
         if reached[own, 0]:
             assert "is expected as planned" in advice
         elif not reached.any():
@@ -268,17 +260,17 @@ def test_the_advice_follows_from_the_table(text, others):
 
 
 def test_words_json_and_figure_have_the_numbers_of_the_plan():
-    plan = make_plan(request_of("ball 12 0.3", takes=3))
-    table = json.loads(json.dumps(plan_dict(plan)))
-    assert (table["bound_rms_m"], table["text"]) == (plan.bound.rms, plan_lines(plan))
+    plan = planning.make_plan(request_of("ball 12 0.3", takes=3))
+    table = json.loads(json.dumps(planning.plan_dict(plan)))
+    assert (table["bound_rms_m"], table["text"]) == (plan.bound.rms, planning.plan_lines(plan))
     assert plan.forecast.low < plan.forecast.rms < plan.forecast.high
     assert table["table"]["expected_rms_m"][2][0] == plan.forecast.rms
     layout = plan.request.layout
     assert len(draw_plan(layout.positions, plan.bound).axes) == 1
-    lines = plan_lines(plan)
+    lines = planning.plan_lines(plan)
     low, high, rms = (f"{1e3 * value:.3g} mm" for value in (plan.forecast.low, plan.forecast.high, plan.forecast.rms))
     assert lines[2].startswith(f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings; short windows")
-    assert plan_dict(plan)["expected_range_m"] == [plan.forecast.low, plan.forecast.high]
+    assert planning.plan_dict(plan)["expected_range_m"] == [plan.forecast.low, plan.forecast.high]
     assert lines[0].endswith("the source at 3 places, recorded equally long from each")
     head, *rows = (" ".join(line.split()) for line in lines[-7:-1])
     assert head == "30 dB 33 dB 36 dB 40 dB"

@@ -66,18 +66,6 @@ def test_a_doubtful_restart_is_followed_by_another_until_two_agree(run):
     assert not any(optima_agree(problem, state) for state in before)
 
 
-def test_the_stages_follow_in_their_order(run):
-    """Deformations of growing degree, then every microphone, then the gains; the last stage once, at the end."""
-    _, states = run
-    stages = [(state.progress.restart, state.progress.stage) for state in states]
-    for restart in range(len(states[-1].optima)):
-        mine = [stage for number, stage in stages if number == restart and STAGES[stage].name != "final"]
-        assert mine == sorted(mine) and mine[0] == 0
-        assert STAGES[mine[-1]].name in ("free", "gains")
-    last = [stage for _, stage in stages]
-    assert STAGES[last[-1]].name == "final" and last.index(last[-1]) == len(last) - last.count(last[-1])
-
-
 @pytest.mark.parametrize(("noisier", "explained"), [(1.0, True), (50.0, True), (1e6, False)])
 def test_without_noise_an_array_with_a_channel_that_fits_nowhere_explains_nothing(run, noisier, explained):
     """Even where what is left of all channels is rounding: the channel's own noise is far more than that."""

@@ -44,18 +44,6 @@ def test_controls_without_effect_are_hidden(controls):
     assert panel.binding.choices.export_kind == "Replay (HTML)" and "without a server" in export.description.content
 
 
-def test_the_view_from_the_side_raises_a_flat_map_and_that_from_above_lays_it_down(controls):
-    panel, _ = controls
-    seen = []
-    for view, chosen in (("close", None), ("top", None), ("top", "relief"), ("close", "none"), ("3d", "flat")):
-        if chosen is not None:
-            panel.map.show_as(chosen)
-        panel.look(None, view)
-        seen.append(panel.binding.choices.kind)
-        assert panel.map.kind.value == LABELS[seen[-1]]
-    assert seen == ["relief", "flat", "relief", "none", "flat"], "what a user chooses stays"
-
-
 def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))

@@ -19,7 +19,7 @@ from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.state import Choices
-from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, end_of_run, show_frame
+from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
@@ -247,24 +247,6 @@ def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_on
         assert {word for word in ("one", "two", "three") if f"{word}<" in text} == shown
         assert ("&#10007;" in text) == (choice != 1) and text.count("&#10003;") == 1
         assert ("Right." in text, "Not quite." in text) == (choice == 1, choice != 1)
-
-
-def test_a_run_of_a_lesson_ends_where_it_is_to():
-    def view(running=False, error="", **of):
-        return SimpleNamespace(state=state(**of), history=[state()], running=running, error=error)
-
-    before = view(sweep=2, finished=True)
-    for run, restarts, now, ended in (
-        ("end", False, before, True),
-        ("end", True, before, False),  # the reset waits
-        ("end", True, view(), False),
-        ("end", False, view(running=True, finished=True), False),
-        ("end", False, view(error="fault"), True),
-        ("3 sweeps", False, view(sweep=4), False),
-        ("3 sweeps", False, view(sweep=5), True),
-        ("3 sweeps", True, view(sweep=3), True),
-    ):
-        assert end_of_run(LessonSetting(run=run), before, restarts)(now) is ended, (run, restarts, now)
 
 
 SMALL = "tiny"

@@ -220,18 +220,6 @@ def test_what_is_no_message_is_an_error():
             client_values.decoded_message(raw)
 
 
-def test_the_log_counts_what_strangers_do():
-    """A million refused connections are seven short lines."""
-    kept, log, lines = hardening.StrangerFilter(), logging.getLogger("fdcal.test"), []
-    error = ValueError("line one\nline two \x1b[31m" + "x" * 999)
-    for _ in range(1500):
-        record = log.makeRecord(log.name, logging.WARNING, "", 0, "refused %s", ("it",), (ValueError, error, None))
-        if kept.filter(record):
-            lines.append(logging.Formatter().format(record))
-    assert len(lines) == 4 and all(len(line) < 300 and line.isprintable() for line in lines)
-    assert "1000 times" in lines[-1] and lines[0].startswith(r"refused it (ValueError: line one\nline two \x1b[31mxxx")
-
-
 @pytest.fixture
 def dark(tiny_page):
     """A page, a function that ticks it, and one that has a client set a value and waits for that."""

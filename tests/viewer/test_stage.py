@@ -83,23 +83,6 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measuremen
         fresh.stop()
 
 
-def test_beside_the_panels_the_map_takes_the_room_of_the_bar(placed):
-    client = browser(780, 720)
-    camera = client.camera
-    placed.place(client, "top")
-    heights = [camera.position[2]]
-    for expert in (True, True, False):
-        placed.show_face(client, expert)
-        placed.process_requests([client])
-        heights.append(camera.position[2])
-    assert heights[1] < 0.9 * heights[0] and heights[1] == heights[2] and heights[3] == heights[0]
-    before = (camera.position[0] + 1.0, *camera.position[1:])
-    camera.position = before
-    placed.show_face(client, True)
-    placed.process_requests([client])
-    assert camera.position == before, "the user has moved it"
-
-
 class SentScene:
     """viser's scene; notes each node that is added, and each value that is given to one, in `sent` and `nodes`."""
 
