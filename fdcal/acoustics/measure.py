@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +14,7 @@ import numpy as np
 from ..model.arrays import positions_3d, positions_of
 from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
-from ..model.room import response_digest, response_path
+from ..model.room import response_path
 from ..model.scene import MeasuredScene, Scene
 from ..model.sdm_response import load_sdm_response
 from ..model.settings import DEAD_FRACTION, Faults
@@ -43,39 +45,32 @@ def require_measurable(scene: Scene) -> None:
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, cached: bool = False) -> Measurement:
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
-    `recordings` (N, T): simulated unless given; a room of three dimensions has none. `progress`: called with the
-    fraction that is done; `cached`: whether simulated recordings are kept. The wavenumbers are complex where the room
-    rings (see `fdcal.acoustics.spectrum`).
+    `recordings` (N, T) are simulated unless they are given; a room of three dimensions has none. `progress` is called
+    with the fraction done; `cached`: whether simulated recordings are stored in the cache. The wavenumbers are complex
+    if the room rings to the end of the recording (see `fdcal.acoustics.spectrum`).
     """
-    takes, fields = each_take(scene, progress), []
+    if scene.source is not None and scene.source.positions:
+        positions_of(scene)  # its message has the number of an impossible position of the source
+    takes, fields = scene.takes(), []
     if recordings is not None and len(takes) > 1:
-        problem = f"the source has {len(takes)} places, and the recordings are of one"
+        problem = f"the source has {len(takes)} positions, and the recordings are of one"
         raise InputError(problem, "measure each of scene.takes()", key="source.positions")
-    for take, done in takes:
+    for number, take in enumerate(takes):
+        report = None
+        if progress is not None:
+            report = partial(lambda number, done: progress((number + done) / len(takes)), number)
         if cached:
             require_measurable(take)
-        own = cached_recordings(take, done) if cached and scene.room.dimension == 2 else recordings
-        fields.append(sound_field(take, own, done))
+        own = cached_recordings(take, report) if cached and scene.room.dimension == 2 else recordings
+        fields.append(sound_field(take, own, report))
     return measured(scene, fields)
-
-
-def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float], None] | None]]:
-    """Return the scene of each take and a function that reports the fraction done of its simulation."""
-    if scene.source is not None and scene.source.positions:
-        positions_of(scene)  # refuses an impossible place by its number
-    scenes = scene.takes()
-
-    def part(report: Callable[[float], None], number: int) -> Callable[[float], None]:
-        return lambda done: report((number + done) / len(scenes))
-
-    return [(take, None if progress is None else part(progress, number)) for number, take in enumerate(scenes)]
 
 
 def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:
     """Return the pressures at the modes that are picked, without noise and faults; parameters as of `measure`.
 
-    The scene must have one place of the source. The field depends only on room, source, array and picking, so many
-    measurements may share it.
+    The source must have one position. The field depends on room, source, array and the picking of modes only, so that
+    several measurements may use the same field.
     """
     require_measurable(scene)
     room, sensing = scene.room, scene.measurement
@@ -107,13 +102,13 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
 
 
 def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
-    """Return the measurement of a scene from its sound fields, one for each place of the source.
+    """Return the measurement of a scene from its sound fields, one for each position of the source.
 
     Noise is drawn for each take; the faults of the channels are the same in all takes.
     """
     positions, takes = positions_of(scene), []
     for number, modes in enumerate(fields):
-        take = [number] if number else []  # the noise of the first take is that of a scene with one place
+        take = [number] if number else []  # the noise of the first take is that of a source with one position
         noise, noise_of_dead = (np.random.default_rng([scene.seed, stream, *take]) for stream in (1, 3))
         takes.append(
             draw_measurement(
@@ -149,7 +144,7 @@ def draw_measurement(
 ) -> Measurement:
     """Return what microphones measure of a sound field: with noise, gains and dead channels.
 
-    The only place where noise is drawn: for scenes, for the studies of `fdcal_bench` and for benchmarks.
+    All noise is drawn here: that of scenes, of the studies of `fdcal_bench` and of benchmarks.
 
     Parameters
     ----------
@@ -195,7 +190,7 @@ def draw_measurement(
 
 
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
-    """Return what the microphones of a scene of two dimensions with one place of the source record : (N, T), cached."""
+    """Return the recordings (N, T) of a two-dimensional scene with one position of the source, cached."""
     positions = positions_of(scene)
     key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
 
@@ -208,7 +203,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
-    """Return what `measure` returns for the scene, cached; that of a measured scene is read from its file."""
+    """Return the result of `measure` for the scene, from the cache if known; a measured scene is read from its file."""
     if isinstance(scene, MeasuredScene):
         return _recorded(scene)
 
@@ -241,5 +236,6 @@ def _measurement_name(scene: Scene) -> str:
     if scene.faults == Faults():
         del table["faults"]
     if scene.room.response is not None:  # the file may change, and its path does not matter
-        table["room"]["response"] = response_digest(scene.room.response)
+        content = response_path(scene.room.response).read_bytes()
+        table["room"]["response"] = hashlib.sha256(content).hexdigest()
     return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -1,4 +1,4 @@
-"""What a link names of a view, after # in an address: one grammar for the page, for lessons and for offline pages.
+"""The part of an address after #, which names a view: one grammar for the page, for lessons and for offline pages.
 
 scene             name of a scene that comes with fdcal, or of the one that is shown
 method            name of the solver
@@ -14,7 +14,7 @@ zoom              factor, and how far the picture is moved to the right and up, 
 theme             "light" or "dark"
 embed, opening    "on": without curves and table, for a frame in another page; modes are added one after the other
 
-Whoever has no use for a key leaves it alone: zoom, theme, embed and opening are of an offline page. Its script gets
+Keys that a page does not use are ignored: only an offline page uses zoom, theme, embed and opening. Its script gets
 ADDRESS as JSON (`fdcal/graphics/replay_page/address.js`).
 """
 
@@ -27,7 +27,7 @@ from .validation import InputError, shown
 
 Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
 View = Literal["top", "3d", "close"]
-Unit = Literal["step", "sweep", "stage"]  # by which a state of a run is named
+Unit = Literal["step", "sweep", "stage"]  # in which the number of a state is counted
 UNITS: tuple[Unit, ...] = get_args(Unit)
 SOLVER = "solver"  # the modes that the solver uses
 NUMBER = r"-?\d{1,9}(\.\d{1,9})?(e[-+]?\d\d?)?"
@@ -52,7 +52,7 @@ ADDRESS = {  # key: regular expression of its values, as Python and JavaScript r
 
 
 def parse_address(text: str) -> dict[str, str]:
-    """Return the parts of an address by their keys. Raises InputError: a key or a value that no address has."""
+    """Return the parts of an address by their keys; InputError for a key or a value that an address cannot have."""
     parts: dict[str, str] = {}
     for key, value in parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True):
         again = key in parts or (key in UNITS and unit_of(parts))
@@ -64,5 +64,5 @@ def parse_address(text: str) -> dict[str, str]:
 
 
 def unit_of(parts: Mapping[str, str]) -> Unit | None:
-    """Return by which of UNITS an address names a state of the run; None where it names none."""
+    """Return the unit in which an address gives the number of a state; None if it does not."""
     return next((unit for unit in UNITS if unit in parts), None)

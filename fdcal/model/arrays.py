@@ -1,8 +1,8 @@
 """Points in the plane and in space, metres, and the positions of the microphones of a scene, checked.
 
-A simulated microphone records one FDTD cell. Cell i spans i h to (i + 1) h along an axis, counted from the origin of
-the room's coordinates, so its centre is (i + 0.5) h; the snapped position is the true one. In a room of three
-dimensions the field has a closed form at any point, so nothing is snapped.
+A simulated microphone records one FDTD cell. Cell i extends from i h to (i + 1) h along an axis, from the origin of the
+room's coordinates, so its centre is (i + 0.5) h, which is the true position of the microphone. In a room of three
+dimensions the field has a closed form at any point, and positions are not changed.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,8 @@ MIN_KNOWN = {
 def positions_of(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones : (N, D) float64, read-only, metres.
 
-    In a simulated room on cell centres; D is 2 in a plane, whose height is left out. Raises InputError for impossible
-    positions, walls, source or known microphones.
+    In a simulated room they are cell centres. D is 2 for a plane array, whose height is left out. InputError for
+    impossible positions, walls, source or known microphones.
     """
     if scene.room.dimension == 3:
         positions = positions_3d(scene)[:, : scene.array.dimension]
@@ -88,18 +88,18 @@ CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 
 
 def _require_apart(positions: np.ndarray, remedy: str) -> None:
-    """Raise InputError for two microphones in one place."""
+    """Raise InputError for two microphones at the same position."""
     _, first, inverse = np.unique(np.round(positions / CLEARANCE), axis=0, return_index=True, return_inverse=True)
     twins = np.flatnonzero(first[inverse.ravel()] != np.arange(len(positions)))
     if len(twins):
-        places = f"{first[inverse.ravel()][twins[0]]} and {twins[0]} in one place, {point_text(positions[twins[0]])}"
-        raise InputError(f"array puts microphones {places}", remedy, key="array")
+        both, where = f"{first[inverse.ravel()][twins[0]]} and {twins[0]}", point_text(positions[twins[0]])
+        raise InputError(f"array puts microphones {both} at the same position, {where}", remedy, key="array")
 
 
 def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.ndarray], np.ndarray], key: str) -> None:
     """Raise InputError for a microphone outside the room, or a source outside or inside the array.
 
-    `inside`: returns which points are in the room; `key`: what to change for a microphone that is not.
+    `inside` returns which points are in the room; `key` is the key to change if a microphone is outside.
     """
     outside = np.flatnonzero(~inside(positions))
     if len(outside):
@@ -126,9 +126,9 @@ def positions_3d(scene: Scene) -> np.ndarray:
 
 
 def hull_meets(points: np.ndarray, others: np.ndarray) -> bool:
-    """Return whether the convex hulls of two sets of points (N, D) have a point in common; each may be flat.
+    """Return whether the convex hulls of two sets of points (N, D) have a point in common.
 
-    One point is its own hull: that of `points` encloses it or not. Two are a wall.
+    `others` may be a single point, or the two ends of a wall.
     """
     from scipy.optimize import linprog  # takes a second to load, which reading a cached measurement does not need
 
@@ -176,7 +176,7 @@ def rectangle_plus_random(
 ) -> np.ndarray:
     """Return a regular lattice, then `extra` points drawn from the free cells inside it : (nx * ny + extra, 2), metres.
 
-    Unlike the other geometries this one takes its `center`: which cells are free depends on it.
+    Unlike the other geometries this one needs its `center`, since the free cells depend on it.
     """
     regular = np.floor((rectangle(shape, size) + center) / cell + ROUNDING)  # indices of cells
     low, high = regular.min(axis=0), regular.max(axis=0)
@@ -203,7 +203,7 @@ def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
 
 
 WALL_DISTANCE_M = 0.1  # least distance of a source from every wall: half the depth of a small loudspeaker
-DRAWS = 500  # attempts after which a room counts as having no such place
+DRAWS = 500  # attempts after which a room counts as too small
 
 
 def random_source(
@@ -213,14 +213,15 @@ def random_source(
     rng: np.random.Generator,
     allowed: Callable[[np.ndarray], bool],
 ) -> np.ndarray | None:
-    """Return a place drawn evenly over a room of lengths `size`, rounded to a millimetre; None where none was found.
+    """Return a random position of a source in a room of lengths `size`, rounded to a millimetre; None if none is found.
 
-    It is `clearance` away from all microphones (N, 2 or 3), horizontally where these have no heights, and `allowed`.
+    It is at least `clearance` away from all microphones (N, 2 or 3), horizontally if these have no heights, and
+    `allowed` returns true for it.
     """
     lengths = np.asarray(size, float)
     for _ in range(DRAWS):
-        place = np.round(WALL_DISTANCE_M + rng.random(len(lengths)) * (lengths - 2 * WALL_DISTANCE_M), 3)
-        away = np.linalg.norm(microphones - place[: microphones.shape[1]], axis=1).min()
-        if away > clearance and allowed(place):
-            return place
+        position = np.round(WALL_DISTANCE_M + rng.random(len(lengths)) * (lengths - 2 * WALL_DISTANCE_M), 3)
+        away = np.linalg.norm(microphones - position[: microphones.shape[1]], axis=1).min()
+        if away > clearance and allowed(position):
+            return position
     return None

@@ -1,10 +1,10 @@
 """Known microphones, rigid alignment and position errors.
 
-Pressures alone determine the array up to a rigid motion and a mirror image: the gauge. Known microphones fix it.
+The pressures determine the array up to a rigid motion and a mirror image: the gauge, which known microphones fix.
 
 Frames of the positions:
 
-known     as they are: the axes of the known microphones
+known     the axes of the known microphones
 minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
           with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
 axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
@@ -18,28 +18,28 @@ from numpy.typing import ArrayLike
 from .validation import InputError, Integers, Reals, frozen_array, require_choice
 
 FRAMES = ("known", "minimal", "axes")
-COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
-INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
-FLAT = 1e-3  # smallest extent of an array over its largest one that counts: below, it lies on a line or in a plane
+COLLINEAR = 1e-6  # distance from a line or plane, over the extent of the array, up to which microphones lie in it
+INDEPENDENT = 0.1  # least component of a coordinate axis outside the axes found so far that makes it another axis
+FLAT = 1e-3  # smallest extent of an array over its largest one, below which it lies on a line or in a plane
 
 
 @dataclass(frozen=True, eq=False)
 class GaugeFrame:
-    """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well."""
+    """The minimal gauge: a position, a direction and a side (section 5 of the paper); in space a plane as well."""
 
-    # (D + 1,) int64: fixed are the position of the first, the direction from it to the second, and on which side of the
-    # line, or plane, through the ones before it each of the others lies
+    # (D + 1,) int64. The gauge fixes the position of the first, the direction from it to the second, and the side on
+    # which each of the others lies of the line, or plane, through those before it
     microphones: np.ndarray
-    positions: np.ndarray  # (D + 1, D) float64, metres. Of all but the first only the directions and sides matter
+    positions: np.ndarray  # (D + 1, D) float64, metres; only directions and sides are used of all but the first
 
 
 def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
     """Return the frame of the first D + 1 known microphones, at (A, D) metres, that span D directions."""
-    places = np.asarray(known_positions, float)
-    D = places.shape[1]
-    chosen = list(range(min(2, len(places))))
-    for candidate in range(2, len(places)):
-        if len(chosen) <= D and _spans(places[[*chosen, candidate]], len(chosen)):
+    positions = np.asarray(known_positions, float)
+    D = positions.shape[1]
+    chosen = list(range(min(2, len(positions))))
+    for candidate in range(2, len(positions)):
+        if len(chosen) <= D and _spans(positions[[*chosen, candidate]], len(chosen)):
             chosen.append(candidate)
     if len(chosen) != D + 1:
         problem = f"known = {np.asarray(known).tolist()} does not fix the gauge"
@@ -47,7 +47,7 @@ def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
             f"the minimal gauge needs {D + 1} known microphones that span the array: a position, a direction, a side"
         )
         raise InputError(problem, remedy, key="known", value=np.asarray(known).tolist())
-    return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
+    return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(positions[chosen], float))
 
 
 def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
@@ -57,20 +57,20 @@ def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
 
 
 def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
-    """Return the rotation or mirror image (D, D) of `move_to_frame`, by which rows of offsets are multiplied."""
+    """Return the matrix (D, D) by which `move_to_frame` multiplies rows of offsets: a rotation, or a mirror image."""
     return _axes(positions[frame.microphones]) @ _axes(frame.positions).T
 
 
 def _axes(points: np.ndarray) -> np.ndarray:
-    """Return orthonormal axes (D, D), columns: towards the second point, then, by Gram-Schmidt, the others."""
+    """Return orthonormal axes (D, D), in columns, by Gram-Schmidt: the first towards the second point, and so on."""
     Q, R = np.linalg.qr((points[1:] - points[0]).T)
     return Q * np.where(np.diag(R) < 0, -1.0, 1.0)
 
 
 def _spans(points: np.ndarray, directions: int) -> bool:
     """Return whether points (A, D) span a number of directions."""
-    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[directions - 1] > FLAT * spread[0])
+    extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(extents[directions - 1] > FLAT * extents[0])
 
 
 def rigid_motions(positions: Reals) -> np.ndarray:
@@ -98,14 +98,14 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
     return (estimate - centre) @ turn + target
 
 
-def rigid_motion(x: Reals, places: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turn, centre and target of the motion (x - centre) turn + target onto `places`.
+def rigid_motion(x: Reals, others: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return turn, centre and target of the best motion (x - centre) turn + target of `x` onto `others` (N, D).
 
-    Kabsch's method without the condition on the determinant: a mirror image, which has the same pressures, is allowed.
+    Kabsch's method without the condition on the determinant: a mirror image has the same pressures and is allowed.
     `mirror`: return the best motion with the opposite determinant.
     """
-    centre, target = x.mean(axis=0), places.mean(axis=0)
-    left, _, right = np.linalg.svd((x - centre).T @ (places - target))
+    centre, target = x.mean(axis=0), others.mean(axis=0)
+    left, _, right = np.linalg.svd((x - centre).T @ (others - target))
     if mirror:
         left = left * np.append(np.ones(left.shape[1] - 1), -1.0)
     return left @ right, centre, target

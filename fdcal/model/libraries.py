@@ -1,7 +1,7 @@
-"""Libraries of others: one that may be missing, and one that may crash, hang, take all memory or leave files open.
+"""Libraries that may be missing, and libraries that may crash, hang, use up the memory or leave files open.
 
-`needs` names the extra of fdcal that brings a library. `call` runs a function in a process of its own, which starts,
-calls the function and ends (0.15 s and what the function imports).
+`needs` names the extra of fdcal that installs a library. `call` runs a function in a process of its own, which starts,
+calls the function and ends; this takes 0.15 s and the time of the function's imports.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 
 
 def missing_library(error: ImportError) -> InputError | None:
-    """Return the error for a library of an extra that is not installed; None if something else is wrong."""
+    """Return the error for a library of an extra that is not installed; None for any other ImportError."""
     package = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     library, brought = LIBRARY.get(package, package), dict[str, set[str]]()
     for line in metadata.requires("fdcal") or ():
@@ -34,7 +34,7 @@ def missing_library(error: ImportError) -> InputError | None:
     extras = [extra for extra in brought if library.lower() in brought[extra]]
     if not extras:
         return None
-    extra = min(extras, key=lambda one: len(brought[one]))  # the smallest that brings it
+    extra = min(extras, key=lambda one: len(brought[one]))  # the smallest extra that installs it
     return InputError(
         f'this needs the library "{library}" of the extra "{extra}"',
         f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere",
@@ -42,7 +42,7 @@ def missing_library(error: ImportError) -> InputError | None:
 
 
 def needs(name: str) -> ModuleType:
-    """Import a library; raise InputError with the way to install it where it is missing."""
+    """Import a library; if it is missing, raise InputError that says how to install it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -86,7 +86,7 @@ def call(
         raise LimitError(f"it takes more than {processor_seconds} s of processor time")
     if child.returncode < 0:
         raise ProcessError(f"the library that it needs crashed, {signal.Signals(-child.returncode).name}")
-    if child.returncode:  # the last line says why
+    if child.returncode:  # the last line has the reason
         lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
         if memory is not None and "MemoryError" in lines[-1].split(":")[0]:
             raise LimitError(f"it takes more than {memory / 1e9:g} GB of memory")
@@ -100,9 +100,9 @@ def call(
 def main() -> None:
     """Call the function that is read from standard input, and write its result or its error to standard output."""
     output = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints is no result
+    os.dup2(2, 1)  # a library must not print into the result
     processor_seconds, memory = pickle.load(sys.stdin.buffer)
-    with contextlib.suppress(ImportError, OSError, ValueError):  # of systems that have no such limit
+    with contextlib.suppress(ImportError, OSError, ValueError):  # some systems do not have these limits
         import resource
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -120,7 +120,7 @@ def main() -> None:
         answer = None, error
     with output:
         pickle.dump(answer, output, protocol=pickle.HIGHEST_PROTOCOL)
-    os._exit(0)  # a damaged file may crash a library that closes
+    os._exit(0)  # with a damaged file a library may crash when it is closed
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""What was measured. It may hold the true positions, for scoring alone; the `Problem` that a solver sees cannot.
+"""A measurement: pressures, and what is known about them. True positions, if it has them, serve for comparison only.
 
-A measurement is checked once, where it is made. Positions, known or true, may also be given later, by name or in the
-order of the channels. Its .npz file is a public format (docs/reference/files.md).
+The `Problem` that a solver gets has no true positions. A measurement is checked when it is made. Known or true
+positions may also be given later, by name or in the order of the channels. Its .npz file is a public format
+(docs/reference/files.md).
 """
 
 from __future__ import annotations
@@ -35,12 +36,12 @@ from .validation import (
 LATEST_ARRIVAL = 1e4  # seconds
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
 ROUNDING = 1e-9  # relative to a wavenumber: a smaller imaginary part may have either sign
-CERTAIN = 6.0  # sigmas by which the power of noise alone may be below its mean by chance
-DUPLICATE = 1e-9  # channels with a smaller difference, up to a factor and relative to the norm, are copies
-PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed
+CERTAIN = 6.0  # sigmas by which the power of noise may be below its mean by chance
+DUPLICATE = 1e-9  # difference of two channels up to a factor, relative to their norm, below which they are copies
+PARALLEL = 1e-6  # 1 - abs(correlation) up to which the difference of two channels is computed
 
 
-UNLESS_GIVEN: Any = None  # default of a field that `__post_init__` computes
+COMPUTED: Any = None  # default of a field that `__post_init__` then computes
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,12 +51,12 @@ class Measurement:
     Parameters
     ----------
     frequencies : (M,) float64
-        Hz, ascending; of rows of several takes, or of several sources of one take, equal ones are allowed.
+        Hz, ascending. Rows of several takes, or of several sources of one take, may have equal frequencies.
     pressures : (M, N) complex128
-        In any one unit for all (recordings are not calibrated).
+        In any unit, which must be the same for all, since recordings are not calibrated.
     sound_speed : float
-        c, m/s. With `dataclasses.replace`, wavenumbers that were not given follow a new one; those that were must be
-        given again, or None.
+        c, m/s. If `dataclasses.replace` changes it, wavenumbers that were not given are computed again; those that were
+        given must be given again, or None.
     dimension : int
         Of the sound field, 2 or 3.
     array_dimension : int, optional
@@ -67,31 +68,30 @@ class Measurement:
     names : (N,) tuple of str, optional
         "0", "1", ... unless given.
     positions : (N, D) float64, optional
-        True positions, metres, for scoring alone.
+        True positions, metres, which errors are computed with; no solver gets them.
     known : (A,) int64
-        Indices of known microphones, in any order; kept ascending.
+        Indices of known microphones, in any order; they are sorted.
     known_positions : (A, D) float64, optional
-        Metres; the true positions unless given.
+        Metres; the default are the true positions.
     search : Search, optional
         Lattice of candidates and expansion radius.
     spectrum : (2, F) or (1 + T, F) float64, optional
-        The spectrum that the frequencies were picked from, for display alone: Hz, ascending, and the mean power of all
-        microphones, in any one unit; of several takes one row of power for each, or one for all.
+        The spectrum from which the frequencies were picked, for plots only: Hz, ascending, and the mean power of all
+        microphones, in any unit. With several takes there is one row of power for each, or one for all.
     takes : (M,) int64, optional
-        The take of each row, counted from 0; one take unless given. A take is one recording of all microphones with
-        the source at one place: the channels and the positions are common to all takes, the sound field is not.
+        The take of each row, counted from 0; the default is one take. A take is a recording of all microphones with the
+        source at one position: all takes have the same channels and positions, but not the same sound field.
     arrivals : (T, N) float64, optional
-        When the direct sound arrives at each microphone in each take, seconds; row t belongs to take t, and its origin
-        is arbitrary. NaN where the direct sound does not stand out.
+        Times at which the direct sound arrives at each microphone in each take, seconds. Row t belongs to take t, and
+        its origin is arbitrary. NaN where the direct sound is too weak.
     arrival_sigma : (T,) float64 or float, optional
-        One sigma of an arrival of each take, seconds, as far as it is known; 0.3 mm over the sound speed unless given.
+        Estimated sigma of an arrival of each take, seconds; the default is 0.3 mm over the sound speed.
     windows : ShortWindows, optional
-        Spectra of short windows of the recordings, which the likelihood of all microphones uses beside the rows.
+        Spectra of short windows of the recordings, which solvers "robust" and "joint" use in addition to the rows.
     nominal : bool, optional
         Whether `positions` are nominal, those of the plan of the array, rather than true.
     origin : (array, float, bool), optional
-        What `dataclasses.replace` hands on: wavenumbers, the sound speed that they belong to, whether they follow from
-        it.
+        For `dataclasses.replace` only: the wavenumbers, their sound speed, and whether they were computed from it.
 
     Raises
     ------
@@ -110,16 +110,16 @@ class Measurement:
     pressures: np.ndarray
     sound_speed: float
     dimension: int = 2
-    array_dimension: int = UNLESS_GIVEN
-    wavenumbers: np.ndarray = UNLESS_GIVEN
+    array_dimension: int = COMPUTED
+    wavenumbers: np.ndarray = COMPUTED
     noise_power: np.ndarray | None = None
-    names: tuple[str, ...] = UNLESS_GIVEN
+    names: tuple[str, ...] = COMPUTED
     positions: np.ndarray | None = None
-    known: np.ndarray = UNLESS_GIVEN
-    known_positions: np.ndarray = UNLESS_GIVEN
+    known: np.ndarray = COMPUTED
+    known_positions: np.ndarray = COMPUTED
     search: Search | None = None
     spectrum: np.ndarray | None = None
-    takes: np.ndarray = UNLESS_GIVEN
+    takes: np.ndarray = COMPUTED
     arrivals: np.ndarray | None = None
     arrival_sigma: np.ndarray | None = None
     windows: ShortWindows | None = None
@@ -140,7 +140,7 @@ class Measurement:
         rows = len(self.frequencies)
         put("pressures", _checked_pressures(self.pressures, rows, self.names))
         N, k, derived = self.count, self.wavenumbers, self.wavenumbers is None
-        if self.origin is not None and k is self.origin[0]:  # handed on by `dataclasses.replace`
+        if self.origin is not None and k is self.origin[0]:  # this is a call of `dataclasses.replace`
             _, of_speed, derived = self.origin
             if not derived and of_speed != self.sound_speed:
                 speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"
@@ -165,7 +165,7 @@ class Measurement:
         put("arrivals", times)
         put("arrival_sigma", sigma)
         if self.windows is not None and self.windows.pressures.shape[2] != N:
-            problem = f"short_pressures are of {self.windows.pressures.shape[2]} microphones, and pressures of {N}"
+            problem = f"short_pressures have {self.windows.pressures.shape[2]} microphones, and pressures have {N}"
             raise InputError(problem, "leave the short windows out", key="short_pressures")
         if self.positions is not None:
             put("positions", require_array("positions", self.positions, "real", (N, D), "m"))
@@ -202,14 +202,14 @@ class Measurement:
         time_convention: str = "exp(+jwt)",
         **others: Any,
     ) -> Measurement:
-        """Return a measurement of arrays as another program holds them.
+        """Return the measurement with the arrays of another program.
 
         Parameters
         ----------
         frequencies : (M,) array_like
             Hz, ascending.
         pressures : (M, N) array_like, complex
-            In any one unit, of microphones that recorded at the same time.
+            In any unit, of microphones that recorded at the same time.
         sound_speed : float
             m/s; 343.2 at 20 degrees Celsius.
         dimension : int
@@ -217,10 +217,10 @@ class Measurement:
         names : (N,) sequence of str, optional
             "0", "1", ... unless given.
         positions : (N, D) array_like, optional
-            True positions, metres, for scoring alone.
+            True positions, metres, which errors are computed with; no solver gets them.
         known : mapping or sequence, optional
             Microphones whose positions the solver gets, by name or number: a mapping to positions (D,), metres; or a
-            sequence of those whose `positions` are right.
+            sequence of microphones whose `positions` it gets.
         time_convention : str
             "exp(+jwt)", that of NumPy's FFT and of fdcal; or "exp(-jwt)", whose pressures are conjugated.
         **others
@@ -264,23 +264,24 @@ class Measurement:
 
     @classmethod
     def from_takes(cls, measurements: Sequence[Measurement]) -> Measurement:
-        """Return one measurement of several takes of one array, the source at another place in each.
+        """Return one measurement of several takes of the same array, each with the source at another position.
 
         Parameters
         ----------
         measurements : sequence of Measurement
-            Of the same microphones, in the same order, none of them moved in between. Each becomes a take; one that
-            has several takes keeps them. Known and true positions are those of the first that has any.
+            Of the same microphones, in the same order, none of which was moved in between. Each measurement becomes a
+            take, or several if it has several. Known and true positions are those of the first that has any.
 
         Returns
         -------
         Measurement
-            Rows by frequency, then by take. It has noise, or a spectrum, only if all of them have.
+            Its rows are in the order of the frequencies, then of the takes. It has the noise power, and a spectrum,
+            only if all measurements have it.
 
         Raises
         ------
         InputError
-            There is none, or two differ in microphones, dimension, sound speed or given positions.
+            No measurement is given, or two differ in microphones, dimension, sound speed or given positions.
 
         Examples
         --------
@@ -297,16 +298,16 @@ class Measurement:
         for key in ("names", "dimension", "array_dimension", "sound_speed"):
             for number, one in enumerate(each[1:], 2):
                 if getattr(one, key) != getattr(each[0], key):
-                    problem = f"measurement {number} has other {key} than the first: {getattr(one, key)!r}"
-                    raise InputError(problem[:300], "import all takes alike", key=key)
+                    problem = f"measurement {number} and the first one differ in {key}: {getattr(one, key)!r}"
+                    raise InputError(problem[:300], "import all takes with the same options", key=key)
         known = next((one for one in each if len(one.known)), each[0])
         placed = next((one for one in each if one.positions is not None), None)
         for number, one in enumerate(each, 1):
             same = np.array_equal(one.known, known.known) and np.allclose(one.known_positions, known.known_positions)
             if len(one.known) and not same:
-                problem = f"measurement {number} gives other known positions than another take"
-                raise InputError(problem, "give them once, or alike", key="known")
-        # the number of takes of each, counted to the last that has a row or arrivals
+                problem = f"measurement {number} has other known positions than another take"
+                raise InputError(problem, "give them once, or the same ones in all takes", key="known")
+        # number of takes of each measurement, up to the last one with a row or arrivals
         numbers = [max(int(m.takes.max()) + 1, 0 if m.arrivals is None else len(m.arrivals)) for m in each]
         f = np.concatenate([one.frequencies for one in each])
         firsts = np.cumsum([0, *numbers[:-1]])
@@ -315,7 +316,7 @@ class Measurement:
         noise = [one.noise_power for one in each if one.noise_power is not None]
         spectra = [s for one in each if (s := one.spectrum) is not None and len(s) == 1 + one.take_count]
         spectrum = arrivals = sigma = None
-        if len(spectra) == len(each):  # over the frequencies of the finest
+        if len(spectra) == len(each):  # interpolated at the frequencies of the finest one
             grid = max((one[0] for one in spectra), key=len)
             spectrum = np.stack([grid, *(np.interp(grid, one[0], row) for one in spectra for row in one[1:])])
         if any(one.arrivals is not None for one in each):
@@ -374,7 +375,7 @@ class Measurement:
         Returns
         -------
         Measurement
-            Of these rows alone, with the same microphones.
+            With the rows of this take only, and the same microphones.
 
         Raises
         ------
@@ -403,16 +404,16 @@ class Measurement:
 
     @property
     def reference(self) -> str:
-        """What `positions` are, in a word: "true" or "nominal"."""
+        """The kind of `positions`: "true" or "nominal"."""
         return "nominal" if self.nominal else "true"
 
     @property
     def blind(self) -> bool:
-        """Whether no microphone is known: translation, rotation and mirror image of the array are undetermined."""
+        """Whether no microphone is known, so that translation, rotation and mirror image are undetermined."""
         return not len(self.known)
 
     def aligned_truth(self, positions: Any, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
-        """Return the true positions as they compare with estimated ones.
+        """Return the true positions in the axes of estimated ones.
 
         Parameters
         ----------
@@ -424,13 +425,13 @@ class Measurement:
         Returns
         -------
         (N, D) float64 or None
-            Metres; None if they are not known. Of a blind array they are aligned with `positions` by the best rigid
-            motion of the whole, a mirror image allowed.
+            Metres; None if they are unknown. Those of a blind array are aligned with `positions` by the best rigid
+            motion, which may include a mirror image.
         """
         return align(self.positions, positions, by) if self.blind and self.positions is not None else self.positions
 
     def errors(self, positions: Any, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
-        """Return the distance of each position from the true one, as of `aligned_truth`.
+        """Return the distance of each position from the true one of `aligned_truth`.
 
         Parameters
         ----------
@@ -448,14 +449,14 @@ class Measurement:
         return None if truth is None else position_errors(positions, truth)
 
     def problem(self, weights: str = "unit", known: str = "all") -> Problem:
-        """Return what a solver sees.
+        """Return the problem that a solver gets.
 
         Parameters
         ----------
         weights : str
-            "unit", modes of unit RMS; or "raw", as measured, the paper's.
+            "unit", modes of unit RMS; or "raw", as measured and as in the paper.
         known : str
-            "all" that are known; "minimal", the minimal gauge of them (`fdcal.model.gauge.GaugeFrame`); or "none".
+            "all" known microphones; "minimal", their minimal gauge (`fdcal.model.gauge.GaugeFrame`); or "none".
 
         Returns
         -------
@@ -464,15 +465,15 @@ class Measurement:
         Raises
         ------
         InputError
-            For another choice, raw pressures too small or large to be squared, or too few known microphones for the
-            minimal gauge.
+            Another choice is given, raw pressures are too small or large to be squared, or the known microphones are
+            too few for the minimal gauge.
         """
         require_choice("weights", weights, ("unit", "raw"))
         require_choice("known", known, ("all", "minimal", "none"))
         pressures, noise = self.pressures, self.noise_power
         # The largest real or imaginary part of each mode : (M,) float64; its modulus could overflow.
         largest = np.maximum(np.abs(np.real(pressures)), np.abs(np.imag(pressures))).max(axis=1)
-        if weights == "unit":  # divided by a power of two first, which rounds nothing and keeps the squares finite
+        if weights == "unit":  # division by a power of two is exact and keeps the squares finite
             _, exponent = np.frexp(largest)
             scaled = np.empty_like(pressures)
             scaled.real = np.ldexp(np.real(pressures), -exponent[:, None])
@@ -507,14 +508,14 @@ class Measurement:
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
     """Return checked pressures : (M, N) complex128; `labels`: names of the microphones, or None."""
     array = np.asarray(values)
-    if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
+    if array.ndim == 2 and array.dtype.kind in "fc":  # name the first microphone with NaN, unless all have it
         bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
         named = np.arange(array.shape[1]) if labels is None else np.asarray(labels)
         if 0 < len(bad) < array.shape[1] and named.shape == array.shape[1:]:
             name = named[int(bad[0])]
             problem = f'pressures of microphone "{name}" are not all finite numbers'
             raise InputError(problem, f"correct them, or leave the microphone out: <exclude> {name}", key="pressures")
-    what = "the transform at each of the frequencies, one column a microphone"
+    what = "the transform at each frequency, one column for each microphone"
     return require_array("pressures", values, "complex", (modes, None), what)
 
 
@@ -538,7 +539,7 @@ def _checked_arrivals(
     rows = int(takes.max(initial=0)) + 1
     if times is None:
         if sigma is not None:
-            raise InputError("arrival_sigma belongs to arrivals, which are missing", "add them", key="arrival_sigma")
+            raise InputError("arrival_sigma is given without arrivals", "add them", key="arrival_sigma")
         return None, None
     try:
         array = np.asarray(times)
@@ -562,9 +563,9 @@ def _checked_arrivals(
 
 
 def checked_known(
-    indices: Any, places: Any, truth: np.ndarray | None, count: int, D: int
+    indices: Any, positions: Any, truth: np.ndarray | None, count: int, D: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the known microphones (A,), ascending, and their positions (A, D), metres, from `places` or `truth`."""
+    """Return the known microphones (A,), ascending, and their `positions` (A, D), metres, or else those in `truth`."""
     numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
     if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
@@ -573,14 +574,14 @@ def checked_known(
     if len(listed) == count:
         problem = f"known names all {count} microphones, which leaves no microphone to be found"
         raise InputError(problem, "leave some out", key="known", value=listed)
-    if places is None:
+    if positions is None:
         if listed and truth is None:
             problem = "known names microphones but known_positions is missing"
             raise InputError(problem, "add it, shape (A, D)", key="known_positions")
-        places = np.zeros((0, D)) if truth is None else truth[numbers]
-    places = require_array("known_positions", places, "real", (len(listed), D), "m, one row for each of known")
+        positions = np.zeros((0, D)) if truth is None else truth[numbers]
+    positions = require_array("known_positions", positions, "real", (len(listed), D), "m, one row for each of known")
     order = np.argsort(numbers)
-    return frozen_array(numbers[order], np.int64), frozen_array(places[order], float)
+    return frozen_array(numbers[order], np.int64), frozen_array(positions[order], float)
 
 
 def _require_usable(measurement: Measurement) -> None:
@@ -591,14 +592,14 @@ def _require_usable(measurement: Measurement) -> None:
     if not len(values) or measurement.count < 2:
         problem = f"pressures of shape {values.shape} are too few"
         raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
-    # Other signs belong to waves that run backwards or grow with time.
+    # With other signs a wave runs backwards or grows with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
         problem = (
-            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
-            " decays, an imaginary part below it: the time sign is exp(+j w t)"
+            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and an imaginary part"
+            " of zero, or below zero for a wave that decays: the time sign is exp(+j w t)"
         )
-        remedy = "with the other sign take the conjugate of wavenumbers and pressures"
+        remedy = "with the other time sign give the conjugates of wavenumbers and pressures"
         raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
     # Wavenumbers far from 2 pi f / c are mistakes.
     usual = 2 * np.pi * f / measurement.sound_speed
@@ -632,15 +633,15 @@ def _require_usable(measurement: Measurement) -> None:
     m, every = int(ratio.argmax()), 1 / np.mean(1 / np.maximum(ratio, 1e-30))
     for worst, n, where in ((ratio[m], measurement.count, f"at {f[m]:g} Hz"), (every, values.size, "on average")):
         if worst * max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3 > 1:
-            problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, which holds the noise"
+            problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, of which it is a part"
             remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
-            raise InputError(f"{problem} as well", remedy, key="noise_power", value=noise[m])
+            raise InputError(problem, remedy, key="noise_power", value=noise[m])
 
 
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
     """Return a table with keys of a measurement without the microphones `chosen`, given by name or else by number.
 
-    Keys that are missing or None stay so. The other microphones keep their names, or get their old numbers as names.
+    Keys may be missing or None. The other microphones keep their names, or get their old numbers as names.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
@@ -668,14 +669,14 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
 
 
 def microphone_index(text: str, names: Sequence[str], key: str) -> int:
-    """Return the number, from 0, of the microphone with a name or number; InputError about `key` if there is none."""
+    """Return the number, from 0, of the microphone with a name or number; InputError for `key` if there is none."""
     names = list(names)
     if text in names:
         return names.index(text)
     if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
         return int(text)
     remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
-    raise InputError(f'"{text}" names no microphone', remedy, key=key, value=text)
+    raise InputError(f'"{text}" is not the name of a microphone', remedy, key=key, value=text)
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
@@ -684,7 +685,7 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
         return
     for name, column in zip(names, pressures.T, strict=True):
         if np.all(column == column[0]):
-            problem = f'microphone "{name}" has one and the same pressure at every frequency'
+            problem = f'microphone "{name}" has the same pressure at every frequency'
             raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
     scale = np.abs(pressures).max(axis=0)
     unit = pressures / scale
@@ -695,11 +696,11 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
         if np.linalg.norm(difference) < DUPLICATE:
             problem = f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency'
             remedy = f"leave one out: <exclude> {names[b]}"
-            raise InputError(f"{problem}: one recording, or one place", remedy, key="pressures")
+            raise InputError(f"{problem}: the same channel, or the same position", remedy, key="pressures")
 
 
 def with_different_takes(measurement: Measurement) -> Measurement:
-    """Return a measurement; raise InputError if two of its takes have the same pressures up to a factor at each row."""
+    """Return the measurement; InputError if two of its takes have the same pressures up to a factor in each row."""
     unit = measurement.pressures / np.abs(measurement.pressures).max(axis=1)[:, None]  # no square overflows
     unit = unit / np.linalg.norm(unit, axis=1)[:, None]
     rows = [np.flatnonzero(measurement.takes == take) for take in np.unique(measurement.takes)]
@@ -730,48 +731,48 @@ class MicrophonePositions:
         space[:, : positions.shape[1]] = positions
         object.__setattr__(self, "positions", frozen_array(space, float))
         if self.uncertainty is not None:
-            spread = require_array("uncertainty_m", self.uncertainty, "real", (len(self.names),), "m")
-            object.__setattr__(self, "uncertainty", spread)
+            sigma = require_array("uncertainty_m", self.uncertainty, "real", (len(self.names),), "m")
+            object.__setattr__(self, "uncertainty", sigma)
         if len(set(self.names)) < len(self.names):
             raise InputError("two microphones have the same name", "rename one of them", key="names")
 
 
-FLAT = 1e-6  # metres: heights that differ less are one height
-NEARLY_FLAT = 0.1  # largest difference of heights in a list over the width of an array that is sought in a plane
+FLAT = 1e-6  # metres, difference up to which heights count as equal
+NEARLY_FLAT = 0.1  # largest difference of heights in the list of a plane array, over its width
 
 
 def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any]) -> Measurement:
     """Return a measurement with other known microphones.
 
-    `known`: names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the
-    positions are those that the measurement has.
+    `known` is a mapping of names or numbers of microphones to positions (D,), metres, or a sequence of names or numbers
+    of microphones whose positions the measurement has.
     """
     names, D = measurement.names, measurement.array_dimension
     numbers = [microphone_index(str(key), names, "known") for key in known]
     own = {} if measurement.positions is None else dict(enumerate(measurement.positions))
     own |= dict(zip(measurement.known.tolist(), measurement.known_positions, strict=True))
-    places = known.values() if isinstance(known, Mapping) else [own.get(number) for number in numbers]
+    given = known.values() if isinstance(known, Mapping) else [own.get(number) for number in numbers]
     rows = np.zeros((len(numbers), D))
-    for row, number, place in zip(rows, numbers, places, strict=True):
-        if place is None:
-            problem = f"the measurement holds no position of microphone {names[number]}"
+    for row, number, position in zip(rows, numbers, given, strict=True):
+        if position is None:
+            problem = f"the measurement has no position of microphone {names[number]}"
             raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
-        row[:] = require_array("known", place, "real", (D,), f"metres, for {names[number]}")
+        row[:] = require_array("known", position, "real", (D,), f"metres, for {names[number]}")
     return replace(measurement, known=numbers, known_positions=rows)
 
 
 def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: int = 0) -> Measurement:
-    """Return a measurement with the positions of all microphones, to compare with.
+    """Return a measurement with the positions of all microphones in a list, to compare results with.
 
-    Channels are found by name where all names are given, otherwise by order. `placed` may also hold the `excluded`
-    channels that were left out of the measurement.
+    Rows belong to channels by name if the list has all names, otherwise by order. `placed` may also have rows for the
+    channels that were left out of the measurement, whose number is `excluded`.
     """
     rows = _rows(measurement.names, placed.names, excluded)
     positions = np.asarray(placed.positions)[rows]
     D = measurement.array_dimension
     if D == 2 and np.ptp(positions[:, 2]) > max(FLAT, NEARLY_FLAT * np.ptp(positions[:, :2], axis=0).max()):
-        problem = "the positions given have different heights, and this array is in the plane"
-        raise InputError(problem, "give <positions> of one height", key="positions")
+        problem = "the positions given have different heights, and this array is plane"
+        raise InputError(problem, "give <positions> of equal height", key="positions")
     return replace(
         measurement,
         positions=positions[:, :D],
@@ -782,9 +783,10 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
 
 
 def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[tuple[str, ...], str]:
-    """Return labels of the channels beside a list of `given` names, and a remark if rows are matched by order.
+    """Return labels of the channels for a comparison with a list, and a remark if its rows are matched by order.
 
-    A label is the name of the channel, followed by that of its row in parentheses if they differ.
+    `given` are the names in the list. A label is the name of the channel, followed by that of its row in parentheses if
+    they differ.
     """
     rows = zip(names, _rows(names, given, excluded), strict=True)
     labels = tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)
@@ -840,8 +842,8 @@ def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, n
 def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
     """Return the measurement of an .npz file, a path or open, that has all REQUIRED keys and all or none of SEARCH.
 
-    `excluded`: names or numbers of microphones that are left out before anything is checked; `called`: what messages
-    call the file; its path unless given.
+    `excluded` are names or numbers of microphones that are left out before anything is checked; `called` is the name of
+    the file in messages, by default its path.
     """
     table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__)
     path = called or path

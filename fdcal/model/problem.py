@@ -1,4 +1,4 @@
-"""What a solver sees of a measurement, never the true positions, and what it finds about the recording channels."""
+"""The part of a measurement that a solver gets, without true positions, and the channels' gains and noise it finds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -26,7 +26,7 @@ class ShortWindows:
 
     frequencies: np.ndarray  # (G,) float64, Hz
     takes: np.ndarray  # (G,) int64, the take of each group, counted from 0
-    pressures: np.ndarray  # (G, W, N) complex64, any unit; a window that does not count is 0 in all channels
+    pressures: np.ndarray  # (G, W, N) complex64, any unit; an unused window is 0 in all channels
     length: float  # seconds, of a window
 
     def __post_init__(self):
@@ -60,8 +60,8 @@ def joined_windows(parts: Sequence[ShortWindows | None], firsts: Sequence[int]) 
     some = [(one, int(first)) for one, first in zip(parts, firsts, strict=True) if one is not None]
     if not some:
         return None
-    most = max(one.pressures.shape[1] for one, _ in some)
-    padded = [np.pad(one.pressures, ((0, 0), (0, most - one.pressures.shape[1]), (0, 0))) for one, _ in some]
+    count = max(one.pressures.shape[1] for one, _ in some)
+    padded = [np.pad(one.pressures, ((0, 0), (0, count - one.pressures.shape[1]), (0, 0))) for one, _ in some]
     return ShortWindows(
         np.concatenate([one.frequencies for one, _ in some]),
         np.concatenate([one.takes + first for one, first in some]),
@@ -72,7 +72,7 @@ def joined_windows(parts: Sequence[ShortWindows | None], firsts: Sequence[int]) 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All that a solver may see: no true positions. Compared by identity, so that tables of one can be cached."""
+    """Everything that a solver gets. Problems are compared by identity, so that tables of a problem can be cached."""
 
     pressures: np.ndarray  # (M, N) complex128, dimensionless with `weights = "unit"` (each mode of unit RMS)
     wavenumbers: np.ndarray  # (M,) complex128 k, rad/m, time sign exp(+j w t).
@@ -128,7 +128,7 @@ class ChannelCorrection:
 
     @property
     def scale(self) -> np.ndarray:
-        """What rows and corrected pressures are multiplied by, so that all channels have equal noise : (N,) float64."""
+        """Factors of rows and corrected pressures with which all channels have equal noise : (N,) float64."""
         return 1 / np.sqrt(self.noise)
 
 
@@ -141,7 +141,7 @@ def equalised(pressures: ArrayLike, channels: ChannelCorrection | None) -> tuple
 
 
 class SolverState(Protocol):
-    """What costs and maps read of a state of any solver."""
+    """The attributes of a solver's state that costs and maps use."""
 
     @property
     def positions(self) -> np.ndarray: ...

@@ -1,12 +1,11 @@
 """The room and the source of a scene. Lengths are metres, frequencies hertz, speeds metres per second.
 
-A measured room is an impulse response with directions of arrival, by name or as a file: the response is measured at
-one point; the field between the microphones is modelled, as `fdcal.acoustics.plane_waves` describes.
+A measured room is an impulse response with directions of arrival, given by name or as a file. The response was measured
+at one point; the field between the microphones is modelled, as `fdcal.acoustics.plane_waves` describes.
 """
 
 from __future__ import annotations
 
-import hashlib
 import math
 import typing
 from dataclasses import asdict, dataclass, replace
@@ -50,16 +49,11 @@ def response_names() -> list[str]:
 
 
 def response_path(text: str) -> Path:
-    """Return the file of a response that is given by its name or its path; StorageError where it is missing."""
+    """Return the file of a response that is given by its name or its path; StorageError if it is missing."""
     path = Path(text) if text.lower().endswith(SUFFIX) else folder_of("rooms") / f"{text}{SUFFIX}"
     if not path.is_file():
         raise StorageError(f"cannot read {path}: No such file or directory")
     return path
-
-
-def response_digest(text: str) -> str:
-    """Return the SHA-256 of the file of a response: two files of one content are the same room."""
-    return hashlib.sha256(response_path(text).read_bytes()).hexdigest()
 
 
 WALLS = ("rigid", "pressure-release", "absorbing")
@@ -168,19 +162,19 @@ class Band(typing.NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
+    """The source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
 
-    With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` matters.
-    It has one place, or several, one after the other: the recording from each place is a take.
+    With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` is used.
+    It has one position, or several, one after the other: the recording from each position is a take.
     """
 
-    position: Point | None = None  # its one place, metres; None where `positions` is given
+    position: Point | None = None  # its only position, metres; None if `positions` is given
     # low, high: band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates
     low: Hertz | None = None
     high: Hertz | None = None
-    sample_rate: Hertz | None = None  # fs; 28590 unless given. None with three coordinates.
-    duration: Seconds = 4.0  # of the recording, of each take
-    positions: tuple[Point, ...] = ()  # its places, one for each take, metres; none where `position` is given
+    sample_rate: Hertz | None = None  # fs; 28590 unless given. None with three coordinates
+    duration: Seconds = 4.0  # of the recording of each take
+    positions: tuple[Point, ...] = ()  # one for each take, metres; () if `position` is given
 
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
 
@@ -209,7 +203,7 @@ class Source:
             raise InputError(problem, "change one of the three", key="source.high", value=self.high)
 
     def _check_places(self):
-        """Raise InputError unless there is one place, or a list of different ones of as many coordinates."""
+        """Raise InputError unless there is one position, or a list of different ones with as many coordinates."""
         if self.position is None and not self.positions:
             remedy = "add it, or a list of source.positions, one for each take"
             raise InputError("source.position is missing", remedy, key="source.position")
@@ -220,49 +214,49 @@ class Source:
             require_point("source.position", self.position, (2, 3))
             return
         if len(self.positions) > LIMITS.takes:
-            problem = f"source.positions has {len(self.positions)} places"
+            problem = f"source.positions has {len(self.positions)} positions"
             raise InputError(problem, f"use at most {LIMITS.takes}", key="source.positions")
         for number, (key, place) in enumerate(zip(self.keys, self.positions, strict=True)):
             require_point(key, place, (len(self.positions[0]),) if number else (2, 3))
             if place in self.positions[:number]:
                 problem = f"{key} = {list(place)} m is given twice"
-                raise InputError(problem, "move it: each take needs a place of its own", key=key, value=place)
+                raise InputError(problem, "move it: each take needs another position", key=key, value=place)
 
     @property
     def dimension(self) -> int:
-        """Number of coordinates of its places, 2 or 3."""
+        """Number of coordinates of its positions, 2 or 3."""
         return len(next(iter(self.places)))
 
     @property
     def places(self) -> tuple[Point, ...]:
-        """All places of the source, one for each take, metres."""
+        """All positions of the source, one for each take, metres."""
         return self.positions if self.position is None else (self.position,)
 
     @property
     def place(self) -> Point:
-        """The only place of the source, metres; InputError where it has several."""
+        """The only position of the source, metres; InputError if it has several."""
         if self.position is None and len(self.positions) != 1:
-            problem = f"the source has {len(self.places)} places, and one is simulated at a time"
+            problem = f"the source has {len(self.places)} positions, and one is simulated at a time"
             raise InputError(problem, "use Source.each()", key="source.positions")
         (place,) = self.places
         return place
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """Keys of its places for messages: "source.position", or "source.positions[1]" and so on."""
+        """Keys of its positions for messages: "source.position", or "source.positions[1]" and so on."""
         return tuple(f"source.positions[{i + 1}]" for i in range(len(self.positions))) or ("source.position",)
 
     def each(self) -> tuple[Source, ...]:
-        """Return one source for each place, as if it were the only one."""
+        """Return one source for each position, which has only this one."""
         return tuple(replace(self, position=place, positions=()) for place in self.places)
 
     def table(self) -> dict[str, Any]:
-        """Return the values as a dictionary, without empty `positions`, as they enter the key of the cache."""
+        """Return the values for the key of the cache, as a dictionary without empty `positions`."""
         return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
     @property
     def band(self) -> Band:
-        """Band and sampling rate of the simulated pulse; InputError with three coordinates, where there is none."""
+        """Band and sampling rate of the simulated pulse; InputError with three coordinates, which need no pulse."""
         if self.low is None or self.high is None or self.sample_rate is None:
             why = "has three coordinates, so that no pulse is simulated"
             remedy = "give two coordinates, in a room without height"
@@ -276,5 +270,5 @@ def is_triple(values: Any) -> bool:
 
 
 def is_no_pair(values: Any) -> bool:
-    """Return whether a value of a scene file is a list that does not have two entries, so is no point of a plane."""
+    """Return whether a value of a scene file is a list without exactly two entries, so that it is not in a plane."""
     return isinstance(values, list) and len(values) != 2

@@ -59,7 +59,7 @@ class Scene:
     room, source, array, gauge, search, measurement, solver, faults
         See the module. `search` may be None in a room of three dimensions; `source` is None in a measured room.
     seed : int
-        Of everything random: microphones, noise and random starts.
+        Seed of all random numbers: microphones, noise and random starts.
 
     Examples
     --------
@@ -88,7 +88,7 @@ class Scene:
         Parameters
         ----------
         table : dict
-            What the file holds.
+            Of the file.
 
         Returns
         -------
@@ -101,18 +101,18 @@ class Scene:
 
     @property
     def emitter(self) -> Source:
-        """The source; InputError in a measured room, which has an unknown one."""
+        """The source; InputError in a measured room, whose source is unknown."""
         if self.source is None:
             raise InputError("source is missing", "add it to the scene", key="source")
         return self.source
 
     def takes(self) -> tuple[Scene, ...]:
-        """Return the scene of each take: with the source at one of its places, as if that were the only one.
+        """Return the scene of each take, in which the source has only one of its positions.
 
         Returns
         -------
         tuple of Scene
-            One for each place of the source, in their order; the scene itself where there is one place.
+            One for each position of the source, in their order; the scene itself if there is one position.
         """
         if self.source is None or len(self.source.places) == 1:
             return (self,)
@@ -168,7 +168,7 @@ def no_rectangle(scene: Scene) -> str:
     if scene.room.size is None:
         return "is not a rectangle with room.size"
     if scene.source is not None and len(scene.source.places) > 1:
-        return f"has a source at {len(scene.source.places)} places, and the solver seeks one"
+        return f"has a source at {len(scene.source.places)} positions, and the solver seeks one"
     return 'has walls = "pressure-release"' if scene.room.walls == "pressure-release" else ""
 
 
@@ -279,10 +279,10 @@ KEYS = ("name", "title", "measurement", "remark")  # of the file of a scene that
 
 @dataclass(frozen=True)
 class MeasuredScene(Scene):
-    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders."""
+    """The scene of a measurement: title, solver, seed and gauge are real; room, source and array are placeholders."""
 
-    file: str = ""  # path of the measurement; "" where whoever opens the scene has the measurement
-    remark: str = ""  # what was measured, by whom, and under which licence: shown below the scene's name
+    file: str = ""  # path of the measurement; "" if the measurement is given together with the scene
+    remark: str = ""  # what was measured, by whom, and under which licence; it is shown below the scene's name
 
     @staticmethod
     def optional(table: dict[str, Any]) -> tuple[str, ...]:
@@ -386,9 +386,9 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def scene_table(path: str | Path) -> dict[str, Any]:
-    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.validation.build` takes it.
+    """Return the table of a scene for `fdcal.model.validation.build`; `path`: as of `load_scene`.
 
-    Of a measured scene `measurement` is a path. The paths in a file are relative to its folder.
+    In a measured scene `measurement` is a path. The paths in a file are relative to its folder.
     """
     path = _file_of(Path(path))
     table = {"name": path.stem, "title": path.stem, **parse_toml(read_bytes(path, what="scene"), path)}
@@ -415,7 +415,7 @@ def _file_of(path: Path) -> Path:
         what, use = OTHER_FILES[suffix]
         raise InputError(f"{path} is {what}", f"{use}, or give a scene: {available}", key="scene")
     if is_file or suffix in (".toml", *OTHER_FILES) or "\0" in str(path):
-        return path  # where there is none, reading it says so
+        return path  # reading it reports a missing file
     if path.name not in scene_names() or path.name != str(path):
         near = [name for name in scene_names() if name.startswith(str(path))]
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)

@@ -181,7 +181,7 @@ class Search:
 
 ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its array and the solver allow
 
-# Solvers that need the size of a rectangular room; the traits of the solvers say the same (`fdcal.solvers.interface`).
+# Solvers that need the size of a rectangular room, as their traits (`fdcal.solvers.interface`) have it, too.
 KNOWN_ROOM_SOLVERS = ("room",)
 
 
@@ -221,10 +221,10 @@ class SolverSettings:
     max_sweeps : int
         Sweeps of one stage at most.
     start : str or None
-        "affine" or "random"; unless given, random for "descent". "robust" has starts of its own, which "affine" stands
-        for with "joint".
+        "affine" or "random"; the default of "descent" is "random". "robust" always uses its own starts; "joint" uses
+        the same ones with "affine".
     noise : str
-        "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
+        "reported" uses the noise power of the measurement, if it has one; "auto" estimates it; a number of decibels is
         the signal-to-noise ratio of each mode.
     known : str
         Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
@@ -236,8 +236,9 @@ class SolverSettings:
     gain_sigma_db, phase_sigma_deg : float or None
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None
-        Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given, and
-        1 mm where given positions carry the size: of a plane array in space. With 0 they are exact and never move.
+        Of "robust": standard deviation of each coordinate of a given position, metres; with 0 the positions are exact
+        and never move. Unless it is given, it is estimated: 3 mm at most, and 1 mm for a plane array in space, whose
+        size follows from the given positions.
     sound_speed_sigma : float or None
         Of "robust" and "joint": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless
         given.
@@ -288,12 +289,12 @@ class SolverSettings:
         return value
 
 
-# A search domain around an estimate, for a measurement that comes without one. Solvers but `descent` and a random start
-# need none; maps, the cost and the order rule do.
-MARGIN = 0.25  # beyond the outermost estimates, of the longest side of the array
+# A search domain around an estimate, for a measurement without one. Of the solvers only `descent` and a random start
+# need it; maps, the cost and the order rule need it, too.
+MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
 MIN_MARGIN = 0.05  # m
 CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number of coordinates
-STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
+STEPS = (1.0, 2.0, 5.0)  # m, first digits that a step may have
 
 
 def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:

@@ -1,8 +1,8 @@
-"""Files: reading what anyone may have written, writing without leaving an incomplete file or folder, the disk cache.
+"""Files: safe reading of files from anyone, writing without leaving an incomplete file or folder, and the disk cache.
 
-The cache is a folder of .npy and .npz files. Each is named by a hash of all that determines its content and ends in a
-checksum. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file is made again.
-`fdcal.acoustics.measure` keeps recordings and measurements in it.
+The cache is a folder of .npy and .npz files. The name of each is a hash of all values that determine its content, and
+its end is a checksum. FDCAL_CACHE sets the folder. It may be deleted at any time; a damaged file is made again.
+`fdcal.acoustics.measure` stores recordings and measurements in it.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ import numpy as np
 
 from .validation import LIMITS, InputError, StorageError, shown
 
-SCHEME = 1  # increase it with every change to what simulation or spectrum compute: older cache files are ignored
+SCHEME = 1  # increase it whenever the results of simulation or spectrum change, so that older cache files are ignored
 CACHE_BYTES = 2_000_000_000  # beyond this the least recently used files are deleted
 CHECKSUM = 32  # bytes of BLAKE2 at the end of a cache file
 TEMPORARY = ".fdcal-"  # prefix of the name of an unfinished file
@@ -39,7 +39,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
     `write`: writes the file of the given name; `force`: overwrite an existing file.
     """
-    path = Path(os.path.realpath(path))  # a link stays one
+    path = Path(os.path.realpath(path))  # the target of a link is replaced, not the link
     if not force and path.exists():
         raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path)
     temporary = path.parent / f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix}"
@@ -105,7 +105,7 @@ def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], 
 
 
 def load_cached(name: str, read: Callable[..., Any]):
-    """Return the value of a cache file; None if there is no file that can be read."""
+    """Return the value of a cache file; None if it is missing or damaged."""
     path = cache_folder() / name
     try:
         content = path.read_bytes()
@@ -123,10 +123,10 @@ def load_cached(name: str, read: Callable[..., Any]):
 
 @contextlib.contextmanager
 def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """Give a new folder beside `path`, whose files are moved to `path` at the end, or deleted if anything fails.
+    """Yield a new folder beside `path`, whose files are moved to `path` at the end, or deleted if anything fails.
 
-    It is made at once, so that a place that cannot be written is known before the work begins. `force`: whether `path`
-    may hold files. Those of the same names are replaced, the others stay.
+    The folder is made at once, so that a missing permission is known before the work begins. `force`: whether `path`
+    may contain files; those with the same names are replaced, and the others stay.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
@@ -134,7 +134,7 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     if not path.parent.is_dir():
         raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     if path.is_dir() and not force and any(path.iterdir()):
-        remedy = "add <force> to replace what it has of the same names, or choose another folder"
+        remedy = "add <force> to replace files with the same names, or choose another folder"
         raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
     temporary = Path(os.path.realpath(path)).parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     try:
@@ -153,7 +153,7 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-MAX_DOTS = 500  # in a key: the time of the parser grows with the square of the number of its parts
+MAX_DOTS = 500  # of a key; the time of the parser grows with the square of the number of its parts
 
 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
@@ -199,9 +199,9 @@ def _unparsed(where: object, kind: str, error: Exception) -> InputError:
 
 
 def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return the arrays of an open .npz file whose names are wanted, none pickled, `LIMITS.unfolded` bytes at most.
+    """Return the arrays of an open .npz file for whose names `wanted` is true, without unpickling anything.
 
-    A damaged archive raises any Exception.
+    InputError if they are larger than `LIMITS.unfolded`; a damaged archive may raise any exception.
     """
     with zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
@@ -209,7 +209,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
     packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
     if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
-        problem = f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}"
+        problem = f"it has {packed + stored:.3g} bytes when decompressed, and the limit is {LIMITS.unfolded:.3g}"
         raise InputError(problem, "write it with numpy.savez, which does not compress")
     file.seek(0)
     table, key = dict[str, Any](), ""
@@ -218,7 +218,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
             try:
                 table[key] = archive[key]
                 if not isinstance(table[key], np.ndarray):
-                    raise ValueError("it does not begin as an array of NumPy does")
+                    raise ValueError("it does not begin like an array of NumPy")
             except MemoryError:
                 raise
             except Exception as error:  # a damaged member raises anything from zipfile, zlib or NumPy
@@ -238,17 +238,17 @@ def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     except InputError as error:
         raise error.within(path) from error
     except MemoryError:
-        problem = f"{path} holds more than fits into memory, and an .npz file is read as a whole"
+        problem = f"{path} does not fit into memory, and an .npz file is read as a whole"
         raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
         if isinstance(error, OSError) and error.strerror:
             raise StorageError(f"cannot read {path}: {error.strerror}") from error
-        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        problem = f"{path} is not a readable .npz file ({type(error).__name__})"
         raise InputError(problem, "write it with numpy.savez") from error
 
 
 def require_regular(path: str | Path) -> None:
-    """Raise InputError for a device or a pipe, whose reading might never end; OSError if the file is missing."""
+    """Raise InputError for a device or a pipe, which may never end; OSError if the file is missing."""
     kind = os.stat(path).st_mode
     if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
         raise InputError(f"{path} is not a regular file", "give a file")

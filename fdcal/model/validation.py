@@ -1,13 +1,13 @@
-"""Input from outside, checked once: the two errors that a user can meet, limits, declared types, values as texts.
+"""Checks of input from outside: the two errors that a user can meet, limits, declared types, values as texts.
 
-Every message names the key, its value and the remedy, on one line. Beyond the limits a value is taken for a mistake.
+Every message names the key, its value and the remedy, in one line. A value beyond the limits counts as a mistake.
 A declaration is a type. `Annotated[float, within(0, 1, "m")]` adds the range and the unit, `Literal` lists choices:
 
     convert(value, kind, key)   the value as a type, read by msgspec
     build(Record, table)        a frozen dataclass out of a table: every key known, present and of its type
     check(record)               the same checks for a record that was made in Python
 
-`refused` turns what does not fit into the one line that a user sees: key, value and remedy.
+`refused` returns the error for a value that does not fit.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of what a scene, a measurement or an option may ask for."""
+    """Limits of the values in a scene, a measurement or an option."""
 
     # smallest, largest: of any length, time, frequency or number that must be positive, in its own unit
     smallest: float = 1e-12
@@ -51,7 +51,7 @@ class Limits:
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates: int = 500_000  # candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate: float = 1e9  # largest coordinate, metres
-    takes: int = 100  # places of the source in a scene
+    takes: int = 100  # positions of the source in a scene
     decibels: float = 300.0  # largest signal-to-noise ratio, and its negative the smallest, dB
     sound_speed_error: float = 0.5  # largest relative error of the sound speed, dimensionless
     # weakest, strongest: pressures whose squares can be summed without leaving the range of float64, any unit
@@ -60,7 +60,7 @@ class Limits:
     digits: int = 10**30  # whole numbers of more digits than this one are not shown
     text: int = 1_000_000  # bytes of a file of text, as a scene
     result: int = 50_000_000  # bytes of a result file
-    unfolded: int = 400_000_000  # bytes that a compressed file may unfold to
+    unfolded: int = 400_000_000  # bytes of a compressed file after decompression
 
 
 LIMITS = Limits()
@@ -103,17 +103,17 @@ class InputError(ValueError):
         remedy = word_arguments(self.remedy, names)
         return f"{self.problem}; {remedy}" if remedy else self.problem
 
-    def within(self, place: object) -> InputError:
-        """Return the same error with the file or table that it occurred in before the problem."""
-        if self.problem.startswith(str(place)):
+    def within(self, where: object) -> InputError:
+        """Return the same error, whose problem begins with the file or table in which it occurred."""
+        if self.problem.startswith(str(where)):
             return self
-        return InputError(f"{place}: {self.problem}", self.remedy, key=self.key, value=self.value)
+        return InputError(f"{where}: {self.problem}", self.remedy, key=self.key, value=self.value)
 
 
 def word_arguments(text: str, names: Mapping[str, str]) -> str:
-    """Return a text with the arguments in angle brackets called as in `names`, or by their own name.
+    """Return a text in which the arguments in angle brackets have their names in `names`, or their own names.
 
-    Of "modes (<modes>)" the parentheses go where there is no other name.
+    "modes (<modes>)" becomes "modes" if `names` does not have the argument.
     """
     text = re.sub(r"\b(\w+) \(<(\1)>\)", lambda match: match[0] if match[2] in names else match[1], text)
     return re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), text)
@@ -134,14 +134,14 @@ class StorageError(OSError):
 
 
 def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
-    """Return the error for an argument that a function does not have, with the one that may be meant."""
+    """Return the error for an argument that a function does not have; it suggests a similar one."""
     near = difflib.get_close_matches(name, list(known), 1)
     meant = f"; did you mean {near[0]!r}?" if near else ""
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
 def shown(value: object, max_length: int = 60) -> str:
-    """Return a value for a message: its repr, or a text without quotes, in one line of at most `max_length` letters."""
+    """Return a value for a message: its repr, or a text without quotes, on one line of `max_length` letters at most."""
     try:
         if isinstance(value, (dict, list, tuple)):
             value = reprlib.repr(value)
@@ -183,8 +183,8 @@ KINDS = {
 def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
     """Return `values` as a read-only array of a kind of KINDS and of a shape; InputError if they do not fit.
 
-    Nothing is rounded to make it fit; an empty array is of every kind. `shape`: length along each axis, None where any
-    will do; () for a single value; `unit`: unit or meaning of one of the numbers, for the message.
+    No value is rounded to fit; an empty array is of every kind. `shape` is the length along each axis, or None for any
+    length; () stands for a single value. `unit` is the unit or the meaning of the numbers, for the message.
     """
     letters, words, dtype = KINDS[kind]
     wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
@@ -356,7 +356,7 @@ def _is_plain(kind: Any) -> bool:
 
 
 def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Raise InputError unless every field of a dataclass that holds texts or numbers is as declared.
+    """Raise InputError unless every field of a dataclass with texts or numbers is as declared.
 
     `prefix`, such as "solver.", stands before a key in messages; `names`: other names of keys in messages.
     """
@@ -367,11 +367,11 @@ def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxy
 
 
 def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene") -> Any:
-    """Return a dataclass with the values of a table; its `check` is left to the class.
+    """Return a dataclass with the values of a table; the class itself calls `check`.
 
-    A table must give every field except those in the class's OPTIONAL, or in `optional(table)` if that depends on other
-    keys: no constant of a run is hidden in a default. `prefix`, such as "room.", and `whole`, the kind of file, are
-    words of the messages.
+    A table must have every field except those in the class's OPTIONAL, or in `optional(table)` if that depends on other
+    keys, so that no constant of a run is hidden in a default. `prefix`, such as "room.", and `whole`, the kind of file,
+    appear in messages.
     """
     fields = [field.name for field in dataclasses.fields(cls)]
     for given in table:

@@ -34,8 +34,8 @@ class ClippingThresholds:
     full_scale: float = 0.999  # fraction of full scale from which a sample counts as being there
     full_scale_run: int = 2  # neighbouring samples at full scale
     full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
-    # edge_count: least number of samples at the greatest value; edge_ratio: that number over the number at the next
-    # smaller value
+    # edge_count: number of samples at the greatest value from which a channel may be clipped; edge_ratio: that number
+    # over the number of samples at the next smaller value
     edge_count: int = 8
     edge_ratio: int = 4
     full_scale_ratio: int = 2  # the same ratio for a recording that reaches full scale
@@ -118,7 +118,7 @@ def inspect_channels(recording: Recording) -> ChannelHealth:
 
 
 def _edge(samples: np.ndarray, before: Edge) -> Edge:
-    """Return the edge of all samples: those of (t,) and those that `before` stands for."""
+    """Return the edge of (t,) samples and of all samples before them, whose edge is `before`."""
     times = Counter(before)
     for _ in range(2):
         if len(samples):
@@ -165,21 +165,23 @@ class TakeRules:
     rate: float = 2000.0  # Hz, of the neighbouring samples of one channel, averaged, by which takes are aligned
     # correlation of this channel, from which both are compared at every frequency: 0.36 to 1 of copies
     similar: float = 0.25
-    stretch: int = 2**15  # samples that are compared
-    level: float = 1e-4  # power of the frequencies that count, relative to the strongest
+    stretch: int = 2**15  # number of samples that are compared
+    level: float = 1e-4  # least power of a frequency that is compared, relative to the strongest
     # fraction of the power of a frequency that is not common to both: at most 1e-7 of copies, 0.7 of other takes
     different: float = 1e-4
-    # low, high, segment: band and length, Hz and s, of the coherence of channels, where most arrays are coherent
+    # low, high, segment: the coherence of channels is computed in this band, Hz, where most arrays are coherent, from
+    # segments of this length, s
     low: float = 60.0
     high: float = 500.0
     segment: float = 0.1
     parts: int = 12  # of a take, each of eight segments, of which coherences are the mean
-    # rotated, better: least correlation of the coherences of two takes in another order, and how much better than in
-    # the same order: grids and balls have 0.6 to 1 in the right order, and 0 in another; at most 0.06 better by chance
+    # rotated, better: least correlation of the coherences of two takes in another order of channels, and its least
+    # difference from that in the same order. Grids and balls have 0.6 to 1 in the right order and 0 in another one; by
+    # chance the difference is at most 0.06
     rotated: float = 0.5
     better: float = 0.3
-    # correlation of the coherences of a take with its own in another order, above which the array is symmetric: circles
-    # have 0.6 to 0.97, and sound from another side is like channels in another order
+    # correlation of the coherences of a take with its own in another order, above which the array is symmetric, so that
+    # rotated channels cannot be distinguished from sound from another side: circles have 0.6 to 0.97
     symmetric: float = 0.4
     channels: int = 8  # least number for which the correlation over pairs of channels is significant
 
@@ -204,8 +206,8 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
             shift, rotated = (moved[0], True) if moved else (shift, rotated)
         if rotated:
             problem = f"{take.path} has the channels of {first.path} rotated by {min(shift, len(own) - shift)}"
-            remedy = "record it again, or give its channels their places"
-            problem += f": its channel {take.names[shift]} is channel {first.names[0]} there"
+            remedy = "record it again, or put its channels in the same order"
+            problem += f": its channel {take.names[shift]} is channel {first.names[0]} in that take"
             raise InputError(problem, remedy, key="names")
     factor, usable = max(1, int(first.sample_rate / TAKES.rate)), np.flatnonzero(~silent)
     channel = [int(usable[len(usable) // 2])] if len(usable) else [0]
@@ -213,7 +215,7 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
     rows = [row.mean(axis=1) for row in rows]
     for a, b in itertools.combinations(range(len(rows)), 2):
         if _is_copy(takes[a], takes[b], rows[a], rows[b], factor):
-            problem = f"{takes[b].path} is a copy of {takes[a].path}, or a part of it: the same sound at the same place"
+            problem = f"{takes[b].path} is a copy of {takes[a].path}, or of a part of it: the same sound and source"
             raise InputError(problem, "give each take once", key="source", value=takes[b].path)
 
 
@@ -238,7 +240,7 @@ def _is_copy(one: Recording, other: Recording, x: np.ndarray, y: np.ndarray, fac
 
 
 def _coherence(recording: Recording) -> np.ndarray:
-    """Return the coherence of each pair of channels, mean over a band of low frequencies : (N, N) float64."""
+    """Return the coherence of each pair of channels, averaged over a band of low frequencies : (N, N) float64."""
     fs, length = recording.sample_rate, max(16, int(TAKES.segment * recording.sample_rate))
     f = np.arange(length // 2 + 1) * fs / length
     used = (f > TAKES.low) & (f < TAKES.high)

@@ -1,6 +1,7 @@
-"""From files with recordings to a measurement, and a report on it: what `fdcal import` does, without its command line.
+"""The measurement in files of recordings, and a report on it: `fdcal import` without its command line.
 
-A file holds takes or channels of one take: a recording of all microphones with the source at one place.
+A take is a recording of all microphones with the source at one position. Each file holds a take, several takes or some
+channels of a take.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from .frequencies import (
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end, segment_levels
 from .recording import (
     IMPORT_LIMITS,
-    SAME_PLACE,
+    SAME_POSITION,
     ImportOptions,
     Recording,
     join_channels,
@@ -49,8 +50,8 @@ ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 DEFAULTS = ImportOptions()  # of an import
 LOWEST = 3  # number of frequencies with the lowest signal-to-noise ratio that are listed
 MANY = 32  # microphones from which on errors in a room are about as large as their uncertainty
-CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
-ARGUMENTS: Mapping[str, str] = {}  # messages call arguments by their own names
+CLEAN_DB = 100.0  # signal-to-noise ratio above which the estimate of the noise is not meaningful
+ARGUMENTS: Mapping[str, str] = {}  # without it messages use the names of the arguments themselves
 KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
 
 Noise = Callable[[np.ndarray], np.ndarray]
@@ -58,21 +59,21 @@ Noise = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What an import has read and taken."""
+    """How an import made the measurement."""
 
-    recording: Recording  # the channels that were used
+    recording: Recording  # with the channels that were used
     kind: str  # one of `fdcal.recordings.recording.KINDS`
-    left_out: dict[str, str]  # name of each channel left out, and why
+    left_out: dict[str, str]  # name of each channel left out, and the reason
     pressures: Pressures
     speed: float  # sound speed, m/s
-    speed_from: str  # where it is from, in words
+    speed_from: str  # its origin, in words
     highest_frequency: float | None  # that the array can interpolate, Hz
-    highest_frequency_from: str  # which radius it follows from, in words
-    height: float | None = None  # of all given positions, metres, where the array is sought in this plane
+    highest_frequency_from: str  # the radius from which it follows, in words
+    height: float | None = None  # common height of all given positions, metres; then the array is sought in this plane
     # one report for each of several takes, () for a single take; the other fields describe the first take
     takes: tuple[ImportReport, ...] = ()
-    flat: bool = False  # whether the short windows show a flat array, which is then sought in a plane
-    skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
+    flat: bool = False  # whether the short windows show that the array is flat, so that it is sought in a plane
+    skipped: tuple[str, ...] = ()  # parts of a recording without sound above the noise
 
 
 def import_recording(
@@ -89,7 +90,7 @@ def import_recording(
 
 
 def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Recording]:
-    """Return the takes in files or folders, all of the same channels, not yet split."""
+    """Return the takes in files or folders, all with the same channels, before they are split."""
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     paths = [one for path in paths for one in formats.sound_files(path) or [path]]
@@ -109,11 +110,11 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     first, few = read[0], min_microphones(options.dimension)
     if options.files == "auto" and 1 < first.count < few and {one.count for one in read} == {first.count}:
-        problem = f"{len(read)} files of {first.count} channels each are channels of one take, or takes of an array of"
-        remedy = "give <channels> if they were recorded at the same time, by several recorders"
-        raise InputError(f"{problem} {first.count} microphones, which is too small to be found", remedy, key="files")
+        problem = f"{len(read)} files of {first.count} channels each would be takes of {first.count} microphones, which"
+        remedy = "give <channels> if several recorders recorded one take at the same time"
+        raise InputError(f"{problem} are too few to be found", remedy, key="files")
     placed = [(one.path, one.positions) for one in read if one.positions is not None]
-    for one in read:  # takes are of one array
+    for one in read:  # all takes must be of the same array
         if one.count != first.count:
             has, others = (f"{count} channel{'s' * (count > 1)}" for count in (first.count, one.count))
             problem = f"{first.path} has {has} and {one.path} {others}: files are takes if all have the same channels,"
@@ -125,10 +126,10 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         if one.names != first.names:
             problem = f"{first.path} and {one.path} have channels of other names or in another order"
             raise InputError(problem, "give takes of one array", key="names")
-    for path, places in placed[1:]:
-        known = placed[0][1]
-        if known.shape != places.shape or np.abs(known - places).max() > SAME_PLACE:
-            problem = f"{placed[0][0]} and {path} have other positions of the microphones"
+    for path, positions in placed[1:]:
+        others = placed[0][1]
+        if others.shape != positions.shape or np.abs(others - positions).max() > SAME_POSITION:
+            problem = f"{placed[0][0]} and {path} have different positions of the microphones"
             raise InputError(problem, "give takes of one array that does not move", key="positions")
     return read
 
@@ -141,10 +142,10 @@ def measurement_of_takes(
     """Return the measurement of recordings of the same channels, each of which is a take, and a report on it."""
     recordings, left_out = _selected(recordings, options)
     if recordings[0].count < 2:
-        problem = f"{recordings[0].path} gives one channel, and an array needs two microphones at least"
+        problem = f"{recordings[0].path} has one channel, and an array needs two microphones at least"
         raise InputError(problem, "give the files of all channels")
     takes = list(recordings)
-    for n, one in enumerate(takes):  # without heights where the field is two-dimensional
+    for n, one in enumerate(takes):  # in a two-dimensional field the heights are left out
         if one.positions is not None and one.positions.shape[1] > options.dimension:
             if np.ptp(one.positions[:, 2]) > select.PLANE_TOLERANCE:
                 problem = "dimension = 2 needs microphones of one height"
@@ -155,7 +156,7 @@ def measurement_of_takes(
         for one in takes:
             if one.kind == "impulse":
                 problem = (
-                    f"split = {options.split:.3g} s cuts a stationary recording, and {one.path} holds impulse responses"
+                    f"split = {options.split:.3g} s is for a stationary recording, and {one.path} has impulse responses"
                 )
                 raise InputError(problem, "leave out <split>", key="split", value=options.split)
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
@@ -171,7 +172,7 @@ def measurement_of_takes(
             done.append(_measurement_of_take(one, options, max_rows, left_out, number, len(takes)))
         except NothingAboveNoise as error:
             skipped.append(one.path)
-            if options.split is None or len(skipped) == len(takes):  # some parts of a split recording may be pauses
+            if options.split is None or len(skipped) == len(takes):  # a split recording may have pauses
                 raise error
     measurement, report = done[0]
     if len(done) > 1:
@@ -227,7 +228,7 @@ def _measurement_of_take(
     )
     responses = recording
     if kind == "impulse":
-        if options.reference is not None:  # in its whole band: an onset is as sharp as the band is wide
+        if options.reference is not None:  # deconvolved in the whole band, since a wide band makes the onset sharp
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference, rate=options.rate), whole)
         found_arrivals = first_arrivals(responses)
@@ -240,15 +241,15 @@ def _measurement_of_take(
 
 
 def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
-    """Return the takes with the channels that are wanted and usable in all, and why each of the others is left out."""
+    """Return the takes with the channels that are chosen and usable in all, and why each other channel is left out."""
     parts = [part.strip() for part in (options.leave_out or "").split(",")]
     listed = [name for name in parts if name not in ("", "bad")]
-    left_out = dict.fromkeys(listed, "as asked")
+    left_out = dict.fromkeys(listed, "as requested")
     chosen = []
     for one in recordings:
         if options.subset is not None:
             one = select.select_subset(one, options.subset, options.seed)
-        if listed:  # before the samples are read, since these channels may hold what cannot be read
+        if listed:  # before any sample is read, since samples of these channels may not be numbers
             one = select.exclude_channels(one, ",".join(listed), np.zeros(0, int))
         chosen.append(one)
     health = [select.inspect_channels(one) for one in chosen]
@@ -268,7 +269,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
 def _in_plane(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
 ) -> tuple[Recording, np.ndarray | None, float | None]:
-    """Return the recording and the known positions without their heights, and that height, if all heights agree."""
+    """Return the recording and the known positions without their heights, and the height, if all heights are equal."""
     given, wanted = [one for one in (recording.positions, known_positions) if one is not None], options.array_dimension
     if wanted == 3 and given and given[0].shape[1] == 2:
         raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
@@ -276,7 +277,7 @@ def _in_plane(
         return recording, known_positions, None
     heights = np.concatenate([one[:, 2:] for one in given])
     level, every = np.ptp(heights) <= select.PLANE_TOLERANCE, max(map(len, given)) == recording.count
-    if wanted is None and not (level and every):  # of a few microphones the others' heights are not known
+    if wanted is None and not (level and every):  # some heights differ or are unknown
         return recording, known_positions, None
     if not level:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
@@ -289,7 +290,7 @@ def _in_plane(
 def _classified(
     recording: Recording, options: ImportOptions, band: tuple[float, float]
 ) -> tuple[Recording, str, Noise | None]:
-    """Return the recording, deconvolved where a reference is given, its kind, and its noise power where known."""
+    """Return the recording, deconvolved if a reference is given, its kind, and its noise power if it is known."""
     if options.reference is not None:
         responses, noise = deconvolve(recording, formats.read(options.reference, rate=options.rate), band)
         return responses, "impulse", noise
@@ -306,7 +307,7 @@ def _classified(
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
-    """Describe an import, one fact per line; `wording`: names of the arguments that the text mentions."""
+    """Return an import in words, one fact per line; `wording`: names of the arguments in the text."""
     left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
     left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
     takes, count = report.takes or (report,), measurement.count
@@ -353,8 +354,8 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
         lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
     if (windows := measurement.windows) is not None:
-        groups, most, _ = windows.pressures.shape
-        of = f"{groups} groups of at most {most} windows of {1e3 * windows.length:g} ms"
+        groups, largest, _ = windows.pressures.shape
+        of = f"{groups} groups of at most {largest} windows of {1e3 * windows.length:g} ms"
         lines += [f"windows      {of}, {windows.frequencies.min():.0f} to {windows.frequencies.max():.0f} Hz"]
     if not report.takes:
         lines += [f"SNR          {''.join(_snr_words(report.pressures))}"]
@@ -368,7 +369,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
 
 
 def _band_words(taken: Pressures) -> str:
-    """Describe the frequencies: their band, their spacing, and how many have several rows."""
+    """Return the band and the spacing of the frequencies, and how many have several rows, in words."""
     f = taken.frequencies
     different = np.unique(f, return_counts=True)[1]
     text = f"{len(different)}, {f[0]:.1f} to {f[-1]:.1f} Hz, at least {taken.spacing.step:.2g} Hz apart"
@@ -381,7 +382,7 @@ def _band_words(taken: Pressures) -> str:
 
 
 def _snr_words(taken: Pressures) -> tuple[str, str]:
-    """Return the signal-to-noise ratio of the rows, and more of it where there is room for it."""
+    """Return the signal-to-noise ratio of the rows in words, and details of it for a longer text."""
     if taken.noise_power is None:
         return "unknown", ": the room still rings at the end; a longer recording would show the noise"
     power = mode_power(taken.pressures)

@@ -1,9 +1,9 @@
-"""What N microphones recorded, with samples read only when they are needed: the common form of every file format.
+"""Recordings of N microphones, the common form of all file formats: samples are read only when they are needed.
 
 A recording is of one of two kinds:
 
-impulse      an impulse response, a clap or a whole sweep: it starts in silence and lasts until the sound is gone, or is
-             cut off while the room still rings
+impulse      an impulse response, a clap or a whole sweep: it begins in silence and ends when the sound has decayed, or
+             earlier, while the room still rings
 stationary   a part of a continuous sound, such as noise, music, speech or a machine
 
 The options of an import are declared here once: for Python, the command line and the documentation.
@@ -41,26 +41,26 @@ RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved c
 
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
 MIN_SAMPLES = 16  # of a channel
-SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest; the rest is left out
-SAME_PLACE = 1e-3  # distance of two positions of one microphone that are the same, metres
+SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
+SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 
 
 @dataclass(frozen=True)
 class Recording:
     """N channels of T samples."""
 
-    path: str  # what messages call it
-    kind: Kind | None  # None where the file does not say
+    path: str  # its name in messages
+    kind: Kind | None  # None if the file does not state it
     sample_rate: Annotated[float, within(100.0, 1e7, "Hz")]
     # count, samples: N and T
     count: Annotated[int, within(1, 10_000)]
     samples: Annotated[int, within(MIN_SAMPLES)]
     block: Block
     names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
-    positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
-    sound_speed: MetresPerSecond | None = None  # according to the file
-    full_scale: float | None = None  # greatest value that a sample can take
-    lowest: float = 0.0  # Hz, below which it holds nothing
+    positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones, as the file states them, metres
+    sound_speed: MetresPerSecond | None = None  # as the file states it
+    full_scale: float | None = None  # greatest value that a sample can have
+    lowest: float = 0.0  # Hz, below which the recording has no content
 
     def __post_init__(self):
         check(self, f"{self.path}: ", CALLED)
@@ -69,8 +69,8 @@ class Recording:
             raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
         object.__setattr__(self, "names", names)
         if self.positions is not None:
-            places = require_array(f"{self.path}: positions", self.positions, "real", (self.count, None), "m")
-            object.__setattr__(self, "positions", places)
+            positions = require_array(f"{self.path}: positions", self.positions, "real", (self.count, None), "m")
+            object.__setattr__(self, "positions", positions)
 
     @property
     def duration(self) -> float:
@@ -207,7 +207,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
     if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
         starts.pop()
     if len(starts) < 2:
-        problem = f"split = {seconds:.3g} s leaves {recording.path}, {recording.duration:.3g} s, in one part"
+        problem = f"split = {seconds:.3g} s does not divide {recording.path}, which lasts {recording.duration:.3g} s"
         longest = recording.duration / 1.5
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split", value=seconds)
@@ -231,14 +231,14 @@ class ImportLimits:
     # low, high: default band, Hz, of an array of unknown or large radius
     low: float = 20.0
     high: float = 500.0
-    phase: float = 7.0  # largest k R of the default band of a small array, radians, which the solvers resolve
-    # least k R of the default band, radians; below it, channels differ more than the pressures do
+    phase: float = 7.0  # largest k R of the default band of a small array, radians; solvers fail with larger ones
+    # least k R of the default band, radians; below it the gains of the channels differ more than the pressures
     min_phase: float = 0.13
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
     max_frequency: float = 0.45  # relative to the sampling rate
     celsius: float = 20.0  # default temperature
     known_radius_factor: float = 1.2  # radius of an array relative to that of its known microphones
-    coherent_radius_factor: float = 1.25  # radius of an array relative to the one of its coherence, on the safe side
+    coherent_radius_factor: float = 1.25  # assumed radius of an array over the estimate from its coherence
 
 
 IMPORT_LIMITS = ImportLimits()
@@ -246,14 +246,14 @@ IMPORT_LIMITS = ImportLimits()
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How a recording is imported; None leaves a choice to the file or to fdcal.
+    """How a recording is imported; with None the file or fdcal chooses.
 
     Attributes
     ----------
     frequencies : str
         "auto" or "LO:HI", Hz.
     windows : str
-        "auto", "none" or "LO:HI", Hz, of the short windows that count beside the rows, of at most 32 microphones.
+        "auto", "none" or "LO:HI", Hz: band of the short windows, which are used of 32 microphones at most.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     max_rows : int or None
@@ -265,15 +265,15 @@ class ImportOptions:
     source : int, str or None
         Which of several sources in a file, from 0; "all" makes each of them a take.
     files : str
-        What several files are: "takes", of the same channels; "channels", of one take; "auto", channels if every file
-        has one, else takes.
+        Whether several files are "takes" of the same channels, or "channels" of one take; "auto" stands for channels if
+        every file has one channel, and for takes otherwise.
     split : float or None
         Length of the takes into which a stationary recording is cut, s.
     dimension : int
         2 or 3, of the sound field.
     array_dimension : int or None
-        2 or 3, coordinates of a microphone; 2 unless given where the heights of all microphones are known and agree,
-        or where short windows show that the array is flat.
+        2 or 3, number of coordinates of a microphone. The default is 2 if the heights of all microphones are known and
+        equal, or if short windows show that the array is flat.
     subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     seed : int
@@ -330,14 +330,14 @@ class ImportOptions:
             )
         if self.split is not None and (self.kind == "impulse" or self.reference):
             what = "kind impulse" if self.kind == "impulse" else "a reference"
-            problem = f"split = {self.split:.3g} s cuts a stationary recording, and {what} is given"
-            raise refused_option(self, "split", problem, "leave out <split>, or record each take on its own")
+            problem = f"split = {self.split:.3g} s is for a stationary recording, and {what} is given"
+            raise refused_option(self, "split", problem, "leave out <split>, or record each take separately")
         if self.array_dimension == 3 and self.dimension == 2:
             problem = "array_dimension = 3 is not possible in a field of 2"
             raise refused_option(self, "array_dimension", problem, "use 2")
         if self.temperature is not None and self.sound_speed is not None:
             remedy = "give one of <temperature> and <sound_speed>"
-            raise InputError("a temperature and a sound speed say the same", remedy, key="sound_speed")
+            raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")
 
 
 def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:

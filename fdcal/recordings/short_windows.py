@@ -1,7 +1,7 @@
 """Short windows of a recording, for the covariance of `fdcal.cost.short_windows`.
 
-Of a stationary sound windows are taken all over the recording, of an impulse response from what follows the direct
-sound by SKIP until the sound is lost in noise. A window whose sound is in a gap of speech or music does not count.
+The windows of a stationary sound are spread over the whole recording. Those of an impulse response begin SKIP after the
+direct sound and end where the sound falls below the noise. A window in a pause of speech or music is set to zero.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples, re
 
 WINDOW = 0.03  # seconds
 MAX_COUNT = 32  # microphones: the time of a fit grows with their cube
-MAX_FLAT = 12  # microphones of which it is found out whether they are flat
+MAX_FLAT = 12  # microphones, up to which an array is tested for being flat
 SKIP = 0.02  # seconds after the direct sound
 MAX_WINDOWS = 400  # of all takes together
 MAX_GROUPS = 120  # of all takes together
@@ -20,26 +20,27 @@ MIN_WINDOWS = 30
 SPACING = 1.5  # of the frequencies, over that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
 OCTAVE = 2.0  # least ratio of the ends of the band
-QUIET = 1e-3  # of the mean power at a frequency; a window with less is in a gap
-ONSET = 0.3  # of the peak, where the direct sound begins
-OVER_NOISE = 4.0  # power over that of the end of the recording, where an impulse response ends
-SHORTEST = 0.2  # seconds after the onset that count in any case
+QUIET = 1e-3  # power over the mean power at a frequency, below which a window is in a pause
+ONSET = 0.3  # fraction of the peak at which the direct sound begins
+OVER_NOISE = 4.0  # power over that at the end of the recording, below which an impulse response has ended
+SHORTEST = 0.2  # seconds after the onset that are always used
 
 
 def short_windows(
     recording: Recording, kind: str, options: ImportOptions, takes: int = 1, number: int = 0
 ) -> ShortWindows | None:
-    """Return the windows of a take; None where none are wanted, or it cannot have any.
+    """Return the windows of a take; None if the options exclude them or the take is not suitable.
 
-    That is a plate, more than MAX_COUNT channels, and a recording that is too short or holds low frequencies alone.
+    Not suitable are takes of a plate, of more than MAX_COUNT channels, too short ones, and those with low frequencies
+    only. InputError for a band that the recording cannot hold.
 
-    kind : one of `fdcal.recordings.recording.KINDS`; takes, number : how many takes there are, and which one this is:
-    each has frequencies of its own. Raises InputError for a band that the recording cannot hold.
+    kind : one of `fdcal.recordings.recording.KINDS`; takes, number : number of takes, and the number of this one, since
+    each take has other frequencies
     """
     if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT:
         return None
     band = _band(recording, options)
-    if options.windows == "auto" and band[1] < OCTAVE * band[0]:  # the recording holds lower frequencies
+    if options.windows == "auto" and band[1] < OCTAVE * band[0]:
         return None
     fs, n = recording.sample_rate, int(WINDOW * recording.sample_rate)
     first, last = (0, recording.samples - n) if kind == "stationary" else _decay(recording, n)
@@ -61,8 +62,8 @@ def short_windows(
 def found_flat(measurement: Measurement) -> bool:
     """Return whether the windows show a flat array (`fdcal.solvers.robust.windows.is_flat`).
 
-    Only of few microphones of which no position is reported: more of them determine their heights by themselves, and
-    the time of a fit grows with the cube of their number.
+    Only arrays of few microphones without any reported position are tested. More microphones determine their heights
+    without this test, and the time of a fit grows with the cube of their number.
     """
     windows, unknown = measurement.windows, measurement.positions is None and not len(measurement.known)
     if windows is None or not unknown or measurement.array_dimension != 3 or measurement.count > MAX_FLAT:
@@ -89,7 +90,7 @@ def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:
 
 
 def _decay(recording: Recording, n: int) -> tuple[int, int]:
-    """First samples of the first and the last window of an impulse response."""
+    """Return the first samples of the first and of the last window of an impulse response."""
     fs = recording.sample_rate
     x = read_samples(recording, 0, recording.samples)
     peak = np.abs(x).max(axis=1, keepdims=True)

@@ -1,13 +1,13 @@
-"""Whether the channels of a recording share one clock: the delay of each over time, from the recording alone.
+"""Whether the channels of a recording share one clock: the delay of each channel over time, from the recording alone.
 
-The cross-spectrum of two microphones belongs to the room, the source and their places, which do not change. So the
-phase between its means over two stretches of time is that of a delay alone,
+The cross-spectrum of two microphones depends on the room, the source and the positions, which do not change. So the
+phase between its means over two stretches of time is that of a delay,
 
     C_n(f, t) conj C_n(f, 0) = |C_n|^2 exp(-j 2 pi f d_n(t)),   C_n = mean X_n conj X_r,
 
-whatever the room. Its transform has a peak at d_n(t) (Knapp and Carter, "The Generalized Correlation Method for
-Estimation of Time Delay", IEEE TASSP 24(4), 1976). Each frequency counts by the coherence of both stretches, squared.
-Clocks of different speed give a line, lost samples a step.
+in any room. Its transform has a peak at d_n(t) (Knapp and Carter, "The Generalized Correlation Method for Estimation of
+Time Delay", IEEE TASSP 24(4), 1976). Each frequency is weighted with the product of the coherences of both stretches.
+The delay of a clock of another speed is a line over time, that of missing samples a step.
 """
 
 from dataclasses import dataclass
@@ -23,24 +23,26 @@ from .recording import Recording, read_samples
 class SynchronyRules:
     """Settings of the measurement of delays; figures are for 16 microphones in a living room and 12 s of sound."""
 
-    # seconds of one transform: longer than most of the reverberation, and than the delays that are sought. Delays
-    # scatter by 0.23 us in noise at 30 dB and 0.70 us in speech; with half of it by 0.39 and 0.91, with twice as much
-    # by 0.15 and 1.11
+    # Length of one transform, s, longer than most of the reverberation and than any delay. With it delays scatter by
+    # 0.23 us in noise at 30 dB and 0.70 us in speech, with half of it by 0.39 and 0.91 us, with twice of it by 0.15 and
+    # 1.11 us.
     segment: float = 0.25
-    # seconds of a stretch. With 1 s delays scatter by 1.7 us in speech, and one in 33 is unknown; in 4 s a drift of 80
-    # ppm is 0.3 ms, which leaves all below 3 kHz coherent
+    # shortest, longest: of a stretch, s. With 1 s the delays scatter by 1.7 us in speech, and one in 33 is unknown. In
+    # 4 s a drift of 80 ppm is 0.3 ms, so that sound below 3 kHz remains coherent.
     shortest: float = 2.0
     longest: float = 4.0
-    stretches: int = 16  # of the recording, at most: more give the time of a step more exactly
+    stretches: int = 16  # greatest number of stretches; more of them give the time of a step more exactly
     fewest: int = 4  # least number of stretches: three do not distinguish a line from a step
-    references: tuple[float, ...] = (0.5, 0.25, 0.75)  # quantiles of the level at which a reference is sought
-    changed: int = 2  # least number of stretches with another delay; the stretch that holds a step may have either
+    # Channels that serve as the reference, one after the other, by the quantile of their level.
+    references: tuple[float, ...] = (0.5, 0.25, 0.75)
+    changed: int = 2  # least number of stretches with another delay; a stretch with a step in it may have either delay
     # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound at 0 dB 19 or more
     peak: float = 8.0
     fine: int = 4  # points per sample; 2 and 8 give the same scatter of delays
-    # s, least change that counts: sound over the 0.8 m of an array is 4 us earlier where the air is warmed by 1 K
-    least: float = 1e-5
-    scatter: float = 8.0  # the same over the scatter of the delays: at most 6.5 in 43 takes without a fault
+    # Least change of a delay that is a fault, s. If the air becomes 1 K warmer, sound crosses an array of 0.8 m 4 us
+    # earlier.
+    min_change: float = 1e-5
+    scatter: float = 8.0  # the same, over the scatter of the delays; 43 takes without a fault have 6.5 at most
 
 
 SYNCHRONY = SynchronyRules()
@@ -56,21 +58,21 @@ class ClockFault(NamedTuple):
 
 @dataclass(frozen=True)
 class ChannelDelays:
-    """Delays of the channels over time, less the median channel's."""
+    """Delays of the channels over time, relative to the median channel."""
 
     times: np.ndarray  # (G,) float64, s, middle of each stretch
-    delays: np.ndarray  # (N, G) float64, s, later than in the first stretch; NaN where nothing is known
-    limit: np.ndarray  # (N,) float64, s, of a change that counts
+    delays: np.ndarray  # (N, G) float64, s, after those of the first stretch; NaN where they are unknown
+    limit: np.ndarray  # (N,) float64, s, above which a change is a fault
 
     def faults(self, names: tuple[str, ...]) -> dict[str, ClockFault]:
-        """Return what is wrong with the clock of each channel that differs from the others', by name."""
+        """Return the fault of each channel whose clock differs from that of the others, by name."""
         known = np.isfinite(self.delays)
         usual = known.mean(axis=1) > 0.5
         found = {}
         for n, row in enumerate(self.delays):
-            lost = np.flatnonzero(~known[n] & (known[usual].sum(axis=0) > usual.sum() / 2))
-            if known[n, 1] and len(lost) and np.mean(known[n, lost[0] :]) < 0.2:
-                found[names[n]] = ClockFault("lost", since=float(self.times[lost[0]]))
+            missing = np.flatnonzero(~known[n] & (known[usual].sum(axis=0) > usual.sum() / 2))
+            if known[n, 1] and len(missing) and np.mean(known[n, missing[0] :]) < 0.2:
+                found[names[n]] = ClockFault("lost", since=float(self.times[missing[0]]))
             elif known[n].sum() >= SYNCHRONY.fewest and np.sum(np.abs(row) > self.limit[n]) >= SYNCHRONY.changed:
                 found[names[n]] = self._change(row)
         return found
@@ -106,17 +108,17 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
     span, best = min(step, rules.longest * fs), np.full((N, count), np.nan)
     level = np.sum(read_samples(recording, 0, min(recording.samples, 100_000)) ** 2, axis=1)
     order = np.argsort(level, kind="stable").tolist()
-    for reference in dict.fromkeys(order[int(q * N)] for q in rules.references):  # of some quantiles of the level
+    for reference in dict.fromkeys(order[int(q * N)] for q in rules.references):
         delays = _against(recording, reference, np.arange(count) * step, span)
         known = np.isfinite(delays)
         best = delays if known.sum() > np.isfinite(best).sum() else best
-        if (known.sum(axis=0) > N / 2).all():  # with a faulty reference most others would be unknown somewhere
+        if (known.sum(axis=0) > N / 2).all():  # with a faulty reference most other delays would be unknown
             break
-    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # with two channels it is unknown which one is off
+    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # of two channels it is unknown which one is faulty
     best -= [_median(row) for row in best.T]
-    changes = np.diff(best)  # on a line all are equal; at a step all but one are zero
+    changes = np.diff(best)  # all equal for a line; all but one zero for a step
     scatter = np.array([_median(np.abs(row - _median(row))) for row in changes]) * 1.4826 / np.sqrt(2)
-    limit = np.maximum(rules.least, rules.scatter * np.maximum(scatter, np.median(scatter)))
+    limit = np.maximum(rules.min_change, rules.scatter * np.maximum(scatter, np.median(scatter)))
     return ChannelDelays((np.arange(count) * step + span / 2) / fs, best, limit)
 
 
@@ -126,11 +128,14 @@ def _median(values: np.ndarray) -> float:
 
 
 def _against(recording: Recording, reference: int, starts: np.ndarray, span: float) -> np.ndarray:
-    """Return the delays (N, G), s, against one channel in stretches of a length, samples; NaN where none is found."""
+    """Return the delays (N, G), s, relative to one channel; NaN where none is found.
+
+    The stretches begin at the samples `starts` (G,) and are `span` samples long.
+    """
     fs, rules = recording.sample_rate, SYNCHRONY
     length = int(rules.segment * fs)
     window, padded = np.hanning(length), fast_length(length)
-    kept = np.arange(padded // 2 + 1) * fs / padded <= 0.45 * fs  # below the filter of the converter
+    kept = np.arange(padded // 2 + 1) * fs / padded <= 0.45 * fs  # below the cutoff of the converter's filter
     first, delays = np.zeros(0), np.zeros((recording.count, len(starts)))
     for g, begin in enumerate(starts):
         cross, power = np.zeros((recording.count, len(kept)), complex), np.zeros((recording.count, len(kept)))
@@ -148,7 +153,7 @@ def _against(recording: Recording, reference: int, starts: np.ndarray, span: flo
 
 
 def _delay(product: np.ndarray, padded: int, fs: float) -> float:
-    """Return the lag of the greatest correlation, s; NaN where it does not stand out."""
+    """Return the lag of the greatest correlation, s; NaN if it is not far above the others."""
     correlation = irfft(product * np.abs(product), SYNCHRONY.fine * padded)
     best = int(np.argmax(correlation))
     if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # both are 0 of a silent channel

@@ -164,7 +164,7 @@ def test_arrays_are_taken_as_they_are():
     np.testing.assert_array_equal(named.known_positions, PLACES[[0, 3]])
     for wrong, words in (
         ({"time_convention": "exp(+iwt)"}, "time_convention"),
-        ({"names": list("abcde"), "known": {"f": PLACES[0]}}, "names no microphone"),
+        ({"names": list("abcde"), "known": {"f": PLACES[0]}}, "is not the name of a microphone"),
     ):
         with pytest.raises(fdcal.InputError, match=words):
             from_arrays(**wrong)

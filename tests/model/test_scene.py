@@ -69,7 +69,7 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
         ({"faults.phase_deg": "nan"}, ["faults.phase_deg"]),
         ({"source.positions": "[[1.58, 1.1], [0.1, 1.1]]"}, ["both given; keep one"]),
-        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 in one place", "larger array"]),
+        ({"array.size": "[0.04, 0.4]"}, ["microphones 0 and 1 at the same position", "larger array"]),
         ({"array.random": "200"}, ["array.random = 200", "use at most"]),
         ({"array.center": "[0.1, 0.54]"}, ["microphone 0", "outside the room", "change array.center"]),
         (
@@ -101,7 +101,7 @@ def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
         ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
         ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
         ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
-        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 places", "at most 100"]),
+        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 positions", "at most 100"]),
     ],
 )
 def test_a_bad_list_of_places_names_key_value_and_remedy(edited, places, words):

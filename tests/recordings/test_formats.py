@@ -289,19 +289,19 @@ def too_long(path: Path) -> None:
     ("name", "write", "words"),
     [
         ("nothing.wav", lambda path: None, "No such file"),
-        ("a.doc", lambda path: path.write_text("x"), "no format that can be read; give "),
+        ("a.doc", lambda path: path.write_text("x"), "fdcal cannot read the format of"),
         ("a.txt", lambda path: path.write_text("x"), "not a table of samples; give one line for each time"),
         ("a.csv", lambda path: path.write_text("name,x,y\n0,1,2\n"), "a table of positions; give it as positions"),
         ("a.npy", lambda path: np.save(path, SAMPLES),
          'no sampling rate beside "a" (5 channels, 400 samples); give rate'),
-        ("a.npy", lambda path: np.save(path, SAMPLES * 1j), "no array of real numbers"),
+        ("a.npy", lambda path: np.save(path, SAMPLES * 1j), "does not hold an array of real numbers"),
         ("a.npz", lambda path: np.savez(path, left=SAMPLES, right=SAMPLES, fs=8e3),
-         'several arrays that may be the samples: "left" (5, 400), "right" (5, 400); call the one that is meant'),
+         'several arrays that may be the samples: "left" (5, 400), "right" (5, 400); call the samples'),
         ("a.npz", lambda path: np.savez(path, x=SAMPLES[:, :9], fs=8e3), 'no array of real samples: "x" (5, 9)'),
         ("a.mat", lambda path: savemat(path, {"x": SAMPLES[:, :20].repeat(3, 0), "fs": 8e3}), "which axis of"),
         ("a.mat", lambda path: savemat(path, {"x": SAMPLES, "fs": 8e3, "rate": 9e3}), "several sampling rates: fs"),
         ("a.mat", lambda path: savemat(path, {"p": SAMPLES[0], "azi_rad": SAMPLES[0], "ele_rad": SAMPLES[0]}),
-         "an impulse response with directions; name it as the room of a scene"),
+         "an impulse response with directions; use it as the room of a scene"),
         ("a.wav", lambda path: path.write_text("this is no sound"), "not a sound file"),
         ("a.wav", lambda path: os.truncate(write_wav(path), path.stat().st_size // 2), "truncated"),
         ("a.npz", lambda path: np.savez(path, recordings=SAMPLES), "no sampling rate"),
@@ -444,7 +444,7 @@ def test_transfer_functions_are_read_as_the_responses_that_they_are_of(tmp_path,
         assert np.allclose(read_samples(found, 0, T), np.fft.irfft(known)) and np.allclose(found.positions, PLACES)
     sofa.N = sofa.N**2
     sofar.write_sofa(str(tmp_path / "a.sofa"), sofa)
-    assert 'the frequencies "N" are not multiples of one' in refusal(tmp_path / "a.sofa")
+    assert 'the frequencies "N" are not multiples of their spacing' in refusal(tmp_path / "a.sofa")
 
 
 def half_precision(file: h5py.File) -> None:
@@ -473,7 +473,7 @@ def through(file: h5py.File) -> None:
     ("change", "words"),
     [
         (half_precision, "cannot be read"),  # netCDF 4.10 crashes
-        (linked, '"aside" is a link to /etc/passwd, and no other file is read'),
+        (linked, '"aside" is a link to /etc/passwd, and fdcal reads no other file'),
         (outside, '"aside" has its values in /etc/passwd'),
         (through, '"aside" is a virtual dataset'),
     ],

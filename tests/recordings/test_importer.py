@@ -379,7 +379,7 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
         (["--frequencies", "low"], "write auto or LO:HI", 2),
         (["--kind", "music"], "'auto', 'impulse', 'stationary'", 2),
         (["--temperature", "300"], "degrees Celsius", 2),
-        (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
+        (["--temperature", "20", "--sound-speed", "343"], "are both given", 2),
         (["--sound-speed", "34"], "34 m/s is out of range", 2),
         (["--dimension", "4"], "'2', '3'", 2),
         (["--max-rows", "0"], "1 to 2000", 2),

@@ -166,7 +166,7 @@ def geometry(old: str, new: str) -> str:
         ("t.csv", "name,x,y\na,1\n", "line 2"),
         ("t.csv", "name,x,y\na,1,2\na,3,4\n", "twice"),
         ("t.csv", "name,x,y\na,0,5,0,34\n", "line 2: 'a,0,5,0,34' has more cells than the header; separate cells by"),
-        ("t.csv", "0,1,2\n1,2,3\n", "first column may be numbers of microphones or x; begin with"),
+        ("t.csv", "0,1,2\n1,2,3\n", "first column may be the numbers of the microphones or x; begin with"),
         ("t.csv", "a,1,2,3,4\n", "has 5 columns and no line that names them"),
         ("t.csv", "name,x,y\n#1,0.1,0.2\n2,0.4,0.5\n", "line 2: is '#1,0.1,0.2' a comment"),
         ("t.csv", "name,channel,x,y\na,1,0,0\nb,0,1,0\n", 'column "channel" of numbers is not understood'),
@@ -184,9 +184,9 @@ def geometry(old: str, new: str) -> str:
         ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
-        ("t.npy", "abc", "no array that can be read"),
-        ("t.xlsx", "abc", "no sheet of Excel"),
-        ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "no positions in one place"),
+        ("t.npy", "abc", "not a readable array"),
+        ("t.xlsx", "abc", "not a readable file of Excel"),
+        ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "no single list of positions"),
     ],
 )
 def test_ambiguous_positions_are_asked_about_in_one_line(tmp_path, name, text, words):

@@ -1,7 +1,7 @@
-"""File formats: the modules here have `FORMATS`, which they read or write. To add one, add a module.
+"""File formats: each module here has `FORMATS`, which it reads or writes. To add a format, add a module.
 
-Readers whose C library a damaged file may crash are called in a process of their own, `isolated`: a recording of up to
-`MAX_HELD` samples comes back at once; of a longer one each block of samples is read by another process.
+Some readers use a C library that a damaged file may crash. They run in a process of their own, see `isolated`: it
+returns a recording of up to `MAX_HELD` samples as a whole; of a longer one each block is read by another process.
 """
 
 import importlib
@@ -23,7 +23,7 @@ from ...model.validation import InputError, StorageError, shown
 from ..recording import Recording, block_of
 
 NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
-MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
+MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this, so that a header with more is damaged
 
 
 Read = Callable[[Path, int | None, float | None], Recording]
@@ -31,7 +31,7 @@ Read = Callable[[Path, int | None, float | None], Recording]
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: its suffixes and the functions that read or write it; None for what it cannot hold."""
+    """A file format: its suffixes and the functions that read or write it; None for those that it does not have."""
 
     suffixes: tuple[str, ...]
     # reads a file: path, number of the source (from 0; None is the first), sampling rate, Hz, of a file without one
@@ -60,7 +60,7 @@ def all_formats() -> tuple[Format, ...]:
 
 
 def suffixes(what: str) -> list[str]:
-    """Return the suffixes of the formats that fdcal can "read" or "write", which is `what`."""
+    """Return the suffixes of the formats that fdcal can read or write; `what`: "read" or "write"."""
     return sorted(suffix for one in all_formats() if getattr(one, what) for suffix in one.suffixes)
 
 
@@ -79,7 +79,7 @@ def sound_files(path: str | Path) -> list[Path]:
     if not path.is_dir() or reader_of(path) is not None:
         return []
     sound = next(one.suffixes for one in all_formats() if ".wav" in one.suffixes)
-    # Not what is hidden: a Mac adds a companion "._NAME" to each file on a disk of another system.
+    # Hidden files are ignored: a Mac adds a file "._NAME" to each file on a disk of another system.
     files = (one for one in path.iterdir() if not one.name.startswith(".") and one.is_file())
     found = [one for one in files if one.suffix.lower() in sound]
     # By the stem: a track without a number, as of Audacity, stands before "Audio Track-2".
@@ -96,13 +96,13 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
         require_regular(path)
         found = reader_of(path)
         if found is None or found.read is None:
-            problem = f"{path} has no format that can be read"
+            problem = f"fdcal cannot read the format of {path}"
             raise InputError(problem, f"give {', '.join(suffixes('read'))} or a folder")
         if source and found.source_count is None:
             remedy = f"{path} holds one source only, number 0"
             raise InputError(f"source = {source} does not exist", remedy, key="source", value=source)
         if path.is_file():
-            with open(path, "rb"):  # a missing permission is reported here: libraries raise anything for it
+            with open(path, "rb"):  # reports a missing permission, for which libraries raise various exceptions
                 pass
         recording = found.read(path, source, rate)
         if rate is not None and recording.sample_rate != rate:
@@ -110,8 +110,8 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
             raise InputError(problem, "leave out <rate>", key="rate", value=rate)
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
             raise InputError(
-                f"{path} announces {recording.count} channels of {recording.samples} samples and holds"
-                f" {path.stat().st_size} bytes: it is damaged or empty",
+                f"the header of {path} states {recording.count} channels of {recording.samples} samples, but the file"
+                f" has {path.stat().st_size} bytes: it is damaged or empty",
                 "copy or write it again",
             )
         return recording
@@ -148,7 +148,7 @@ def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in allowed:
         remedy = f"use one of {', '.join(allowed)}"
-        raise InputError(f'"{path}" ends in no suffix of {what}', remedy, key="output", value=str(path))
+        raise InputError(f'"{path}" does not have the suffix of {what}', remedy, key="output", value=str(path))
     return suffix
 
 
@@ -181,7 +181,7 @@ def isolated(read: Read) -> Read:
 
 
 def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
-    """Return the fields of a recording and its samples, None if more than `max_held`; with `part` only that block."""
+    """Return the fields of a recording and its samples, or None for more than `max_held`; with `part` only a block."""
     found = read()
     if part:
         return found.block(*part)
@@ -195,7 +195,7 @@ def require_whole_file(path: Path) -> None:
     h5py = libraries.needs("h5py")
 
     links: list[tuple[bytes, int]] = []
-    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
+    with damaged(f"{path} is not a readable HDF5 file"), h5py.File(path, "r") as file:
         file.id.links.visit(lambda name, link: links.append((name, link.type)), info=True)
         reason = ""
         for link, kind in links:
@@ -209,4 +209,4 @@ def require_whole_file(path: Path) -> None:
             elif isinstance(data, h5py.Dataset) and data.is_virtual:
                 reason = f'"{name}" is a virtual dataset, with its values in other datasets'
     if reason:
-        raise InputError(f"{path}: {reason}, and no other file is read", "write the values into the file itself")
+        raise InputError(f"{path}: {reason}, and fdcal reads no other file", "write the values into the file itself")

@@ -1,9 +1,9 @@
 """Recordings in files of arrays: of NumPy, MATLAB and HDF5, and tables of samples.
 
-The samples are the only array of real numbers with a long axis for time and at most one other axis, for channels; or
-the array called `recordings` (N, T), or `time_data` (T, N) as in Acoular. The file may also hold `kind`, `names`,
-`positions`, `sound_speed` and the sampling rate, under one of the names in RATES, as a number, an attribute or a text.
-Without a rate in the file, that of `fdcal.recordings.recording.ImportOptions` is used.
+The samples are the array called `recordings` (N, T), or `time_data` (T, N) as in Acoular; or else the only array of
+real numbers with a long axis for time and at most one other axis, for channels. The file may also hold `kind`, `names`,
+`positions`, `sound_speed`, and the sampling rate under one of the names in RATES, as a number, an attribute or a text.
+If the file has no rate, that of `fdcal.recordings.recording.ImportOptions` is used.
 
 .npz, .npy       of NumPy; an .npz file with `pressures` is a measurement (`fdcal.model.measurement`)
 .mat             of MATLAB, structures included, of any version
@@ -31,12 +31,12 @@ from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
 from . import Format, damaged, isolated, isolated_call, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
-# Names in lower case, letters alone, without a unit.
+# Names in lower case, without other signs and without a unit.
 RATES = "samplerate samplingrate samplefreq samplingfreq samplefrequency samplingfrequency fs sr rate srate".split()
 TIMES = ("t", "time", "times", "zeit")
 PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
 ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples if their lengths are similar
-LONGER = 2  # an axis at least so many times as long as the other is that of time
+LONGER = 2  # the axis of time is at least this many times as long as the other one
 UNEVEN = 0.01  # of a step: largest deviation of rounded times from evenly spaced ones
 MAX_LISTED = 6  # arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
@@ -109,17 +109,17 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
     found = named if len(named) == 1 else found
     if len(found) != 1:
         if set(arrays) >= DIRECTIONS:
-            raise InputError(f"{path} holds an impulse response with directions", "name it as the room of a scene")
+            raise InputError(f"{path} holds an impulse response with directions", "use it as the room of a scene")
         which, listed = "several arrays that may be the samples", found
         if not found:
             which, listed = "no array of real samples", list(arrays)
         names = ", ".join(f'"{shown(one, 60)}" {arrays[one].shape}' for one in listed[:MAX_LISTED])
-        raise InputError(f"{path} holds {which}: {names}", 'call the one that is meant "recordings"', key="recordings")
+        raise InputError(f"{path} holds {which}: {names}", 'call the samples "recordings"', key="recordings")
     name, array = found[0], real[found[0]]
     axes = sorted(long(array), key=lambda axis: array.shape[axis])
     if len(axes) == 2 and array.shape[axes[1]] < LONGER * array.shape[axes[0]]:
         if _word(name) not in ORDERS:
-            problem = f'{path}: it is not clear which axis of "{shown(name)}" {array.shape} is that of time'
+            problem = f'{path}: it is not clear which axis of "{shown(name)}" {array.shape} is time'
             remedy = 'call it "recordings" and give it the shape (channels, samples)'
             raise InputError(problem, remedy, key="recordings")
         axes = [sorted(axes)[n] for n in ORDERS[_word(name)]]
@@ -190,7 +190,7 @@ def _of_matlab(path: Path) -> dict[str, np.ndarray]:
         elif not name.startswith(".__") and np.asarray(value).dtype.kind in "fiuUS":
             yield name[1:], np.asarray(value)
 
-    with damaged(f"{path} is not a file of MATLAB that can be read", "save it again"):
+    with damaged(f"{path} is not a readable file of MATLAB", "save it again"):
         return dict(flat("", loadmat(path, simplify_cells=True)))
 
 
@@ -245,7 +245,7 @@ def _read_meshrir(path: Path, source: int | None = None, rate: float | None = No
             file, wanted = path / f"ir_{n}.npy", (len(sources), samples)
             data = _mapped(file)
             if data.shape != wanted:
-                problem = f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}"
+                problem = f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy require {wanted}"
                 raise InputError(problem, "copy it again")
             values[row] = data[source, start:stop]
         return values
@@ -266,7 +266,7 @@ def _mapped(path: Path) -> np.ndarray:
     """Return an .npy file of real numbers, memory-mapped."""
     try:
         require_regular(path)
-        with np.errstate(all="raise"):  # a damaged header may announce more bytes than there are numbers
+        with np.errstate(all="raise"):  # the shape in a damaged header may overflow
             values = np.load(path, mmap_mode="r", allow_pickle=False)
     except InputError:
         raise
@@ -275,7 +275,7 @@ def _mapped(path: Path) -> np.ndarray:
     except Exception as error:  # a damaged header raises anything
         raise InputError(f"{path} is damaged or truncated ({error})", "copy it again") from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
-        raise InputError(f"{path} holds no array of real numbers", "copy it again")
+        raise InputError(f"{path} does not hold an array of real numbers", "copy it again")
     return values
 
 
@@ -292,7 +292,7 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
 
         return open_array
 
-    with damaged(f"{path} is not an HDF5 file that can be read"), h5py.File(path, "r") as file:
+    with damaged(f"{path} is not a readable HDF5 file"), h5py.File(path, "r") as file:
         arrays = dict[str, Any]()
 
         def note(name: str, item: Any) -> None:

@@ -1,8 +1,7 @@
 """Positions of microphones in files: what columns mean, and files of other programs, read and written.
 
-Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. What
-can mean only one thing is read; what is ambiguous raises an InputError that says what to write. No column of numbers is
-dropped silently.
+Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. An
+ambiguous file raises an InputError that says how to write it. No column of numbers is ignored silently.
 
 Written:
 .csv     name,x,y,z,uncertainty, metres, one line per microphone
@@ -34,9 +33,9 @@ from .sofa import placed_receivers
 MAX_BYTES = 10_000_000  # of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
 LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
-STILL_M = 1e-3  # an array that moves less stands still
+STILL_M = 1e-3  # metres, up to which an array counts as one that does not move
 ANGLES = ("azimuth", "elevation", "polar")
-# What a column holds, and the words of a header that say so; the first match counts.
+# The contents of a column, and the words of a header that stand for them; the first match counts.
 MEANINGS = {
     "uncertainty": "uncertainty sigma std sd err error tolerance",
     "x": "x",
@@ -50,7 +49,7 @@ MEANINGS = {
     "name": "name names label labels id mic mics microphone microphones mikrofon channel channels ch kanal canal sensor"
     " point nr no number nummer index",
 }
-# Units: how many make a metre.
+# Number of each unit in a metre.
 UNITS = {
     **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
     **dict.fromkeys(("dm",), 10.0),
@@ -64,7 +63,7 @@ IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", 
 log = logging.getLogger(__name__)
 
 Rows = dict[int, list[str]]  # cells by the number of the line or microphone
-Places = tuple[list[str], np.ndarray, str]  # names, positions (N, 2 or 3), metres, and a remark or ""
+Placed = tuple[list[str], np.ndarray, str]  # names, positions (N, 2 or 3), metres, and a remark or ""
 
 
 def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
@@ -107,7 +106,7 @@ def is_number(cell: str) -> bool:
 
 
 def meaning(cell: str) -> tuple[str, float | None]:
-    """Return the meaning of a cell of a header, a key of MEANINGS or "" if unknown, and its unit, how many a metre."""
+    """Return the meaning of a cell of a header, a key of MEANINGS or "", and its unit as in UNITS, or None."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", cell)  # posX, XPos
     words = re.findall(r"[^\W\d_]+", re.sub(r"\b([xyz])(mm|cm|m|in|ft)\b", r"\1 \2", spaced.lower()))
     found = [kind for kind, known in MEANINGS.items() if set(words) & set(known.split())]
@@ -128,14 +127,14 @@ def _counts(cells: list[str]) -> bool:
 
 
 def _text(content: bytes) -> str:
-    """Return the text of a file as editors and spreadsheets write it."""
+    """Return the text of a file in one of the encodings that editors and spreadsheets use."""
     try:
         return content.decode("utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         return content.decode("cp1252", "replace")
 
 
-def _read_table(content: bytes) -> Places:
+def _read_table(content: bytes) -> Placed:
     """Return the positions in a table; the delimiter is the one that gives most cells that are numbers."""
     text = _text(content)
     separator = re.match(r'"?sep=(.)"?\r?\n', text)  # a first line of Excel
@@ -154,13 +153,13 @@ def _read_table(content: bytes) -> Places:
     return _of_sheet(rows)
 
 
-def _read_sheet(content: bytes) -> Places:
+def _read_sheet(content: bytes) -> Placed:
     """Return the positions in an Excel file, of which only one sheet may have cells."""
     main, sheets = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}", list[Rows]()
     with zipfile.ZipFile(io.BytesIO(content)) as file:
         names = [one for one in file.namelist() if re.fullmatch(r"xl/(worksheets/[^/]+|sharedStrings)\.xml", one)]
         if sum(file.getinfo(name).file_size for name in names) > 10 * MAX_BYTES:
-            raise _question("it unfolds to too many bytes", "save the table as .csv")
+            raise _question("it is too large", "save the table as .csv")
         parts = {name: tree.fromstring(file.read(name)) for name in names}
     shared = ["".join(one.itertext()) for one in parts.pop("xl/sharedStrings.xml", [])]
     for part in parts.values():
@@ -178,7 +177,7 @@ def _read_sheet(content: bytes) -> Places:
     return _of_sheet(sheets[0])
 
 
-def _read_xml(content: bytes) -> Places:
+def _read_xml(content: bytes) -> Placed:
     """Return the positions in elements with the attributes x, y and z, or position="x y z", of one element."""
     found = list[tuple[str, list[dict[str, str]]]]()
     for parent in tree.fromstring(content).iter():
@@ -193,16 +192,12 @@ def _read_xml(content: bytes) -> Places:
     if len(found) > 1:
         found = [one for one in found if "mic" in one[0].lower()]
     if len(found) != 1:
-        problem = "it holds no positions in one place: no <pos> with x, y and z"
+        problem = "it holds no single list of positions: elements <pos> with x, y and z"
         raise _question(problem, "give a geometry of Acoular: <MicArray><pos Name= x= y= z=>")
     return _of_records(found[0][1], unique=False)
 
 
-def _read_array(content: bytes) -> Places:
-    return _of_array(np.load(io.BytesIO(content), allow_pickle=False))
-
-
-def _read_odas(content: bytes) -> Places:
+def _read_odas(content: bytes) -> Placed:
     """Return the positions `mu` of the microphones in a configuration of ODAS."""
     found = re.findall(r"\bmu\s*=\s*[(\[]([^)\]]*)[)\]]", re.sub(r"(//|#).*", "", _text(content)))
     if not found:
@@ -210,7 +205,7 @@ def _read_odas(content: bytes) -> Places:
     return _of_records([dict(zip("xyz", map(str.strip, one.split(",")), strict=False)) for one in found])
 
 
-def _read_object(content: bytes) -> Places:
+def _read_object(content: bytes) -> Placed:
     """Return the positions in JSON: a list of microphones, an object with one key for each, or an object of columns."""
     found = list(_lists_of_places("", json.loads(_text(content)), {}))
     of_microphones = [one for one in found if re.search("mic|receiver|^positions$", one[0].lower())]
@@ -241,7 +236,7 @@ def _read_object(content: bytes) -> Places:
 
 
 def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Yield candidates for the positions in a JSON value: key, value, and the object that contains it."""
+    """Yield the lists in a JSON value that may be the positions: key, value, and the object that contains it."""
     if isinstance(value, dict) and is_header(list(value)):  # columns of pandas are objects by index
         value = {name: list(one.values()) if isinstance(one, dict) else one for name, one in value.items()}
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
@@ -266,7 +261,7 @@ def _is_place(value: Any, inside: bool = True) -> bool:
     )
 
 
-def _of_records(records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Places:
+def _of_records(records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Placed:
     """Return the positions in records, one for each microphone; only coordinates and the first name are used."""
     keys = list(dict.fromkeys(key for one in records for key in one if meaning(key)[0]))
     names = [key for key in keys if meaning(key)[0] == "name"]
@@ -275,7 +270,7 @@ def _of_records(records: list[dict[str, str]], unit: float | None = None, unique
     return _of_rows(keys, rows, "microphone", unit, unique)
 
 
-def _of_array(values: Any, unit: float | None = None) -> Places:
+def _of_array(values: Any, unit: float | None = None) -> Placed:
     """Return positions in an array (N, 2 or 3) or (2 or 3, N)."""
     array = np.asarray(values)
     axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
@@ -286,8 +281,8 @@ def _of_array(values: Any, unit: float | None = None) -> Places:
     return _of_records([dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
 
 
-def _of_sheet(rows: Rows) -> Places:
-    """Return the positions in the lines of a sheet: comments, titles, perhaps a header, then the microphones."""
+def _of_sheet(rows: Rows) -> Placed:
+    """Return the positions in a sheet, whose lines are comments, titles, perhaps a header, then the microphones."""
     comments = {n: row for n, row in rows.items() if re.match("#|%|//", row[0]) and not (row[0] == "#" and row[1:])}
     body = {n: row for n, row in rows.items() if n not in comments} or dict(rows)
     width = max(map(len, body.values()), default=0)
@@ -310,7 +305,7 @@ def _of_sheet(rows: Rows) -> Places:
         head = _assumed_header(list(data.values()), width)
     if not data or not head:
         found = shown(",".join(first[0][1])) if first else ""
-        wanted = "the line name,x,y or name,x,y,z and hold one line per microphone"
+        wanted = "the line name,x,y or name,x,y,z and then have one line per microphone"
         raise _question(f'it must begin with {wanted}, not with "{found}"', "add that line")
     if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a comment with spaces between its cells
         head = head[1:]
@@ -326,12 +321,12 @@ def _of_sheet(rows: Rows) -> Places:
 
 
 def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
-    """Return the header of a table without one, derived from the number of its columns and what they hold."""
+    """Return a header for a table without one, from the number and the contents of its columns."""
     columns = [[row[c] if c < len(row) else "" for row in rows] for c in range(width)]
     named = not any(map(is_number, columns[0]))
     counting = width == 3 and _counts(columns[0])
     if counting and all(cell.lstrip("+-").isdigit() for column in columns[1:] for cell in column):
-        problem = "its first column may be numbers of microphones or x"
+        problem = "its first column may be the numbers of the microphones or x"
         raise _question(problem, "begin with the line name,x,y or x,y,z")
     head = ["name"] if named or counting or width == 4 else []
     if width - len(head) not in (2, 3):
@@ -342,11 +337,11 @@ def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
 
 def _of_rows(
     head: list[str], rows: Rows, where: str = "line", unit: float | None = None, unique: bool = True
-) -> Places:
+) -> Placed:
     """Return names and positions of the rows of a table below its header.
 
-    `where`: what messages call a row; `unit`: how many make a metre, if the header does not say so; `unique`: whether
-    a name that occurs twice is refused; otherwise the microphones are numbered.
+    `where` is the word for a row in messages; `unit`, as in UNITS, is used if the header has none. If `unique` is set,
+    a name that occurs twice is refused; otherwise the microphones are then numbered.
     """
     if [meaning(cell)[0] for cell in head].count("x") > 1:
         head, rows = _one_row_each(head, rows)
@@ -387,11 +382,11 @@ def _of_rows(
         places = _cartesian(places, [head[c] for c in columns], axes[1] == "polar")
     unit, remark = next(filter(None, lengths), unit), ""
     if unit is None:
-        # The median, because one wrong row must not count.
+        # The median is not changed by a single wrong row.
         size = np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))
         unit = 1000.0 if size > LARGEST_M else 1.0
         if unit != 1:
-            remark = 'such large numbers are taken as millimetres; write "x (m)" where they are metres'
+            remark = 'such large numbers are taken as millimetres; write "x (m)" if they are metres'
     return names, places / unit, remark
 
 
@@ -416,7 +411,7 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
 
 
 def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
-    """Return x, y, z (N, 3) of azimuth, elevation, or the angle from the z axis where `polar`, and radius."""
+    """Return x, y, z (N, 3) of azimuth, elevation (or, if `polar`, the angle from the z axis) and radius."""
     angles, radius = places[:, :2], places[:, 2]
     words = " ".join(head[:2]).lower()
     if "rad" not in words:
@@ -443,7 +438,7 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
     except (ValueError, IndexError):
         groups = {}
     if not groups:
-        problem = "more than one column is called x, and they are not those of microphones with numbers"
+        problem = "more than one column is called x, and their names have no numbers of microphones"
         raise _question(problem, "give one line per microphone below name,x,y,z")
     if np.ptp(table, axis=0).max() > STILL_M:
         problem = "its microphones have positions that change from line to line"
@@ -456,12 +451,12 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
 # For each suffix: the reader, and the message for a file that it cannot parse.
 READERS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a table in text form")),
-    ".xlsx": (_read_sheet, "no sheet of Excel that can be read"),
+    ".xlsx": (_read_sheet, "not a readable file of Excel"),
     ".xml": (_read_xml, "not valid XML"),
     ".json": (_read_object, "not valid JSON"),
-    ".npy": (_read_array, "no array that can be read"),
-    ".cfg": (_read_odas, "no configuration of ODAS"),
-    ".sofa": (placed_receivers, "no SOFA file"),
+    ".npy": (lambda content: _of_array(np.load(io.BytesIO(content), allow_pickle=False)), "not a readable array"),
+    ".cfg": (_read_odas, "not a configuration of ODAS"),
+    ".sofa": (placed_receivers, "not a SOFA file"),
 }
 
 

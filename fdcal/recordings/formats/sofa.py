@@ -1,11 +1,11 @@
 """SOFA (AES69): impulse responses or transfer functions of several receivers, or of one that was moved.
 
-Data.IR is (M, R, N) or, with several emitters, (M, R, N, E) or (M, R, E, N), as its dimensions are named: M
-measurements with R receivers each, N samples, which begin Data.Delay later. Data.Real and Data.Imag hold the same at
-the frequencies N, which are evenly spaced: their impulse responses are read. A measurement gives the position of the
-listener; a receiver has a position relative to it and turns with it. Microphones are all pairs of measurement and
-receiver that recorded the same source; sources are counted in the order of the file. Positions are written as
-receivers, in the order of the microphones, whose names are not kept.
+Data.IR is (M, R, N) or, with several emitters, (M, R, N, E) or (M, R, E, N), as the names of its dimensions say: M
+measurements with R receivers each, and N samples, which begin Data.Delay later. Data.Real and Data.Imag hold transfer
+functions at N evenly spaced frequencies, which are converted into impulse responses. A measurement has the position of
+the listener; a receiver has a position relative to the listener and turns with it. Each pair of a measurement and a
+receiver that recorded the same source is a microphone; sources are numbered in the order of the file. Positions are
+written as receivers, in the order of the microphones, without their names.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from . import Format, damaged, isolated, isolated_call, require_whole_file, want
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 
-SAME_POSITION = 1e-6  # distance of two sources that are one, metres
+SAME_POSITION = 1e-6  # metres, distance up to which two source positions are the same
 WHOLE_DELAY = 1e-3  # distance of a delay from a whole number, samples
 EVEN = 0.01  # distance of a frequency from a multiple of the spacing, spacings
 MAX_DELAY = 10_000_000  # samples
@@ -34,8 +34,8 @@ def open_sofa(path: Path):
     """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
     sofar = needs("sofar")
     require_whole_file(path)
-    with damaged(f"{path} is not a SOFA file that can be read"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
+    with damaged(f"{path} is not a readable SOFA file"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about deprecated conventions, which are read nevertheless
         with sofar.SofaStream(str(path)) as stream:
             yield stream._file
 
@@ -138,11 +138,11 @@ def frequencies_of(file, path: Path, count: int) -> tuple[float, int]:
     f = values_of(file, path, "N").ravel() * _kilo(file, "N")
     step = (f[-1] - f[0]) / max(len(f) - 1, 1)
     if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:
-        raise InputError(f'{path}: "N" holds no {count} ascending frequencies', "write them in Hz", key="N")
+        raise InputError(f'{path}: "N" must hold {count} ascending frequencies', "write them in Hz", key="N")
     below = round(f[0] / step)
     if np.abs(f - step * (below + np.arange(count))).max() > EVEN * step:
-        problem = f'{path}: the frequencies "N" are not multiples of one, so that no impulse responses follow'
-        raise InputError(problem, "write evenly spaced ones, or impulse responses", key="N")
+        problem = f'{path}: the frequencies "N" are not multiples of their spacing'
+        raise InputError(problem, "write evenly spaced frequencies, or impulse responses", key="N")
     return float(step), below
 
 
@@ -162,9 +162,7 @@ def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarr
         raise InputError(f'{path}: "Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
     delay = np.broadcast_to(delay - delay.min(), count)
     if np.abs(delay - np.round(delay)).max() > WHOLE_DELAY or delay.max() > MAX_DELAY:
-        problem = (
-            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number that can be applied'
-        )
+        problem = f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number'
         raise InputError(problem, "write the responses with their delays included", key="Data.Delay")
     return np.round(delay).astype(np.int64)
 
@@ -178,7 +176,8 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
             step, below = frequencies_of(file, path, shape["N"])
             bins = below + shape["N"]
             last = [file.variables[name][tuple(-1 if axis == "N" else slice(None) for axis in axes)] for name in names]
-            odd = bool(np.any(np.abs(last[1]) > 1e-6 * np.max(np.abs(last))))  # the highest is no Nyquist frequency
+            # The last frequency is Nyquist's only if its value is real.
+            odd = bool(np.any(np.abs(last[1]) > 1e-6 * np.max(np.abs(last))))
             shape |= {"N": 2 * bins - 2 + odd}
             rates = [round(step * shape["N"], 6)]
         else:
@@ -252,7 +251,7 @@ def _write(path: Path, placed: MicrophonePositions) -> None:
         try:
             sofar.write_sofa(str(path), sofa)
         except RuntimeError as error:  # of HDF5, which does not say that a disk is full
-            raise StorageError(f"the file cannot be written, is the disk full? ({error})") from error
+            raise StorageError(f"the file cannot be written; is the disk full? ({error})") from error
 
 
 FORMATS = (

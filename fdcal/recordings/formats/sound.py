@@ -1,7 +1,7 @@
 """Files of samples with interleaved channels, one per microphone, that libsndfile reads: .wav, .flac, ...
 
-The length in a header may be wrong: a program that writes to a pipe does not know it, a recorder that dies never writes
-it, and some count their header. Such a file is read to its end, with a remark.
+The length in a header may be wrong: a program that writes to a pipe does not know it, a recorder that crashes does not
+write it, and some programs include the header in it. Such a file is read to its end, with a remark.
 """
 
 import contextlib
@@ -83,9 +83,13 @@ def _with_length(path: Path) -> dict[int, bytes]:
     return {}
 
 
-def _cut_off(announced: int, there: int, before: int) -> bool:
-    """Return whether bytes of sound are missing. `before`: bytes before the sound, which `announced` may include."""
-    return before < announced - there and not any(announced in unknown for unknown in UNKNOWN)
+def _cut_off(stated: int, size: int, before: int) -> bool:
+    """Return whether sound is missing at the end of a file.
+
+    stated : bytes of sound according to the header; size : bytes in the file from the beginning of the sound; before :
+    bytes before the sound, which some programs include in the stated length
+    """
+    return before < stated - size and not any(stated in unknown for unknown in UNKNOWN)
 
 
 def _counted(path: Path) -> int:
