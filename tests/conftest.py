@@ -186,7 +186,7 @@ def pytest_collection_modifyitems(items) -> None:
 
     The browser tests of a folder, which may share a page, stay together, in the order of their names.
 
-    Slow are the tests of slow.txt, which slow.py writes from the durations of a run, and those in a browser.
+    Slow are the tests of slow.txt, which .ci/slow.py writes from the durations of a run, and those in a browser.
     """
     lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
     slow = {name: float(seconds) for name, seconds in map(str.split, lines)}

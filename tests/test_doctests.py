@@ -2,7 +2,6 @@
 
 import doctest
 import importlib
-import inspect
 from pathlib import Path
 
 import pytest
@@ -25,18 +24,3 @@ def test_the_examples_of_a_module_run(path, tmp_path, monkeypatch):
     assert result.attempted > 0
     assert result.failed == 0
     assert not list(tmp_path.iterdir())  # an example leaves no file behind
-
-
-# What a user calls of the public classes; the rest of their methods serves other packages.
-METHODS = [
-    *(f"Calibration.{name}" for name in ("load", "save", "export", "to_dataframe", "plot")),
-    "Measurement.from_arrays",
-]
-
-
-@pytest.mark.parametrize("name", [*fdcal.__all__, *METHODS])
-def test_a_public_function_class_or_method_has_an_example(name):
-    target = fdcal
-    for part in name.split("."):
-        target = getattr(target, part)
-    assert ">>> " in (inspect.getdoc(target) or "")

@@ -2,7 +2,6 @@
 
 import ast
 import pkgutil
-import re
 import runpy
 import subprocess
 import sys
@@ -186,14 +185,6 @@ def test_no_decision_depends_on_the_name_of_a_solver():
 def test_the_drawing_of_the_packages_is_that_of_the_source():
     drawing = runpy.run_path(str(ROOT / "docs" / "packages.py"))
     assert drawing["DRAWING"].read_text(encoding="utf-8") == drawing["drawing"](), "run: python docs/packages.py"
-
-
-NAMED = sorted(set(re.findall(r"`(fdcal[a-z0-9_.]*)(?::([A-Za-z_.]+))?`", (ROOT / "CONTRIBUTING.md").read_text())))
-
-
-def test_what_the_page_for_newcomers_names_is_there():
-    for module, attribute in NAMED:
-        assert pkgutil.resolve_name(f"{module}:{attribute}" if attribute else module), (module, attribute)
 
 
 HEAVY = {"pyvista", "trimesh", "numba", "matplotlib", "scipy"}

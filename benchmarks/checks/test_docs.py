@@ -1,6 +1,7 @@
 """docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
 
 import dataclasses
+import inspect
 import json
 import re
 import tomllib
@@ -167,3 +168,18 @@ def test_the_figures_in_the_documents_are_those_that_runs_wrote():
     assert set(found) == set(documents.FIGURES) and all(found.values())
     for key in documents.QUICK:
         assert documents.FIGURES[key]() == found[key], f"FDCAL_BENCH_KEYS={key} python -m benchmarks documents"
+
+
+# What a user calls of the public classes; the rest of their methods serves other packages.
+METHODS = [
+    *(f"Calibration.{name}" for name in ("load", "save", "export", "to_dataframe", "plot")),
+    "Measurement.from_arrays",
+]
+
+
+@pytest.mark.parametrize("name", [*fdcal.__all__, *METHODS])
+def test_a_public_function_class_or_method_has_an_example(name):
+    target = fdcal
+    for part in name.split("."):
+        target = getattr(target, part)
+    assert ">>> " in (inspect.getdoc(target) or "")

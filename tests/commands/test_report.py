@@ -71,6 +71,3 @@ def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
     assert found.mean_error == pytest.approx(found.errors[sought].mean()) != found.errors.mean()
     words = f"error: mean {length_text(found.mean_error)}, largest {length_text(found.max_error)}"
     assert error_title(measurement, found) == words
-    blind = fdcal.calibrate(measurement, modes=12, known="none", solver="joint")
-    words = f"error: mean {length_text(blind.mean_error)}, largest {length_text(blind.max_error)}, after alignment"
-    assert error_title(measurement, blind) == words

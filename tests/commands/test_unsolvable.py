@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 from running import exit_code
 
-from fdcal.model.measurement import load_measurement, save_measurement
+from fdcal.model.measurement import save_measurement
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -60,9 +60,7 @@ def test_an_odd_channel_is_named_in_the_whole_result_and_may_be_left_out(calibra
     assert result["sound_speed"] == 343.0 and result["excluded"] == []
     odd = column(17, lambda p: 0.4 * p[:, 17])
     code, out, _, result = calibrate(odd)
-    assert code == 0 and result["verdict"] == "good" and result["odd_channels"] == ["17"]
-    assert "microphone 17" in result["verdict_text"] and result["verdict_text"] in out
-    assert len(result["positions"]) == 25
+    assert code == 0 and result["odd_channels"] == ["17"] and len(result["positions"]) == 25
     code, _, _, result = calibrate(odd, "--exclude", "17")
     assert code == 0 and result["excluded"] == ["17"] and "17" not in result["names"]
     assert len(result["positions"]) == len(result["names"]) == len(result["uncertainty_m"]) == 24
@@ -138,12 +136,3 @@ def test_the_sound_speed_is_estimated(calibrate):
     assert code == 0 and result["sound_speed"] == pytest.approx(343, rel=0.01)
     code, _, line, _ = calibrate(slower, *blind[:1], known=[])
     assert code == 2 and "--distance" in line
-
-
-def test_excluding_keeps_names_known_ones_and_truth_in_step(tmp_path):
-    save_measurement(measured(TRUTH, KNOWN, highest=100), tmp_path / "m.npz")
-    left = load_measurement(tmp_path / "m.npz", ["4", "2"])
-    kept = np.setdiff1d(np.arange(25), [2, 4])
-    assert left.names == tuple(map(str, kept))
-    assert np.array_equal(left.positions, TRUTH[kept])
-    assert left.known.tolist() == [0, 20] and np.array_equal(left.known_positions, TRUTH[[0, 22]])

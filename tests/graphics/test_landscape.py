@@ -8,9 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.acoustics.dictionary import max_order
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.eq7 import cost
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor, relief_grid
 from fdcal.graphics.landscape import draw_landscape, figure_bytes
@@ -26,21 +24,6 @@ def measured():
     scene = load_scene("tiny")
     measurement = cached_measurement(scene)
     return measurement, measurement.problem()
-
-
-def test_panels_are_the_cost_of_eq_7_and_their_sum(measured):
-    measurement, problem = measured
-    panels = landscape_panels(problem, measurement.positions, 9, [2, 5], 2)
-    ny, nx = panels.maps.shape[1:]
-    assert (nx, ny) == problem.search.shape
-    assert np.allclose(panels.maps[2], panels.maps[0] + panels.maps[1])
-    centre = problem.search.step * np.round((measurement.positions.mean(axis=0) - problem.search.origin) / 0.02)
-    moved = measurement.positions.copy()
-    moved[9] = problem.search.origin + problem.search.step * np.array([3, 17])
-    modes = [1, 4]
-    k = problem.wavenumbers[modes]
-    expected = cost(moved, problem.pressures[modes], k, max_order(k, 0.32, 2), centre + problem.search.origin)
-    assert np.allclose(panels.maps[:2, 17, 3], expected, rtol=1e-8)
 
 
 def test_figure_says_what_it_shows(measured):

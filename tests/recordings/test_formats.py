@@ -184,13 +184,6 @@ def test_what_its_library_writes_is_read(name, tmp_path):
         assert recording.kind == "impulse"
 
 
-def test_one_source_of_several_is_read(tmp_path):
-    folder = write_meshrir(tmp_path / "mesh")
-    assert np.allclose(read_samples(formats.read(folder, 1), 0, 400), 2 * SAMPLES, atol=1e-6)
-    with pytest.raises(InputError, match=r"source = 2 does not exist.*0 to 1"):
-        formats.read(folder, 2)
-
-
 @pytest.fixture
 def here(monkeypatch) -> None:
     """Read in this process what would take one of its own: the files are in order, and other tests have the process."""

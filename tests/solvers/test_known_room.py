@@ -10,10 +10,9 @@ from fields import measured
 from running import exit_code
 
 from fdcal.acoustics.room_modes import room_symmetries
-from fdcal.cost.maps import cost_maps
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import load_scene
-from fdcal.model.settings import Search, SolverSettings
+from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput, with_settings
 from fdcal.solvers import room
@@ -142,13 +141,3 @@ def test_a_scene_that_is_no_rectangle_is_refused():
     inputs = CalibrationInput("lshape", load_scene("lshape"), measurement(), load_scene("lshape").solver, 0)
     with pytest.raises(InputError, match="is not a rectangle"):
         with_settings(inputs, solver="room", room=(6.0, 5.0))
-
-
-def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
-    measured = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
-    problem = measured.problem()
-    state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
-    coarse, finer = problem.search, replace(problem.search, step=0.05)
-    whole = room.landscape(problem, state, 2, slice(4, 5))[0]
-    np.testing.assert_allclose(cost_maps(problem, room, state, 2, (5,), None, coarse)[0], whole)
-    assert cost_maps(problem, room, state, 2, (5,), None, finer)[0].shape > whole.shape

@@ -2,12 +2,8 @@
 
 from types import SimpleNamespace
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from fdcal.model.address import parse_address
 from fdcal.model.room import folder_of
-from fdcal.model.validation import InputError
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, camera_of
@@ -125,15 +121,6 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
         page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
     assert page.viewer.binding.choices is before and page.switcher.idle
-
-
-@settings(max_examples=30)
-@given(st.text(max_size=190))
-def test_any_text_is_an_address_or_is_refused(text):
-    try:
-        parse_address(text)
-    except InputError as error:
-        assert "address" in str(error)
 
 
 def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):

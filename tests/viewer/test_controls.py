@@ -70,17 +70,6 @@ def test_values_set_by_the_program_are_no_commands_and_the_mode_sliders_never_cr
     assert panel.solver.refusal.content == "", "the slider has gone back"
 
 
-def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):
-    panel, session = controls
-    set_by_client(panel.run_bar.run, True)
-    session.view = dataclasses.replace(session.view, running=True)
-    panel.show(PageState(session.view, microphone=3))
-    assert panel.run_bar.run.label == "Pause"
-    set_by_client(panel.run_bar.run, True)
-    set_by_client(panel.run_bar.time, 1)
-    assert session.commands == [("play",), ("pause",), ("seek", 1)]
-
-
 def test_choosing_a_microphone_stops_following_the_solver_until_that_is_asked_for(controls):
     panel, session = controls
     assert panel.binding.choices.follow

@@ -78,19 +78,16 @@ def test_every_page_gets_its_file(viewer, saving, monkeypatch):
 
 def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch):
     made, client, told, _ = saving
-    errors = [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")]
 
     def fail(_):
-        raise errors[len(told)]
+        raise OSError("disk full")
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
     viewer.binding.choose(export_kind="broken")
-    for error in errors:
-        made.save(client)
-        assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
-        title, body = told[-1][:2]
-        assert title == "The file could not be made" and str(error) in body
-    assert len(told) == len(errors)
+    made.save(client)
+    assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
+    ((title, body, *_),) = told
+    assert title == "The file could not be made" and "disk full" in body
 
 
 MICROPHONE, MODES = 9, (7, 9, 20)

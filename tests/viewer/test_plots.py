@@ -71,27 +71,6 @@ def costs_of(states, values):
     return costs
 
 
-def test_errors_are_drawn_over_whole_decades_which_a_drag_keeps_until_another_run(curves, measurement):
-    """A plot that is added again has no width at first, and pushes the one below it off the screen."""
-    handles = []
-    first, good, dragged = (State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5, 0.1)))
-    for now, states, ends in (
-        (0.0, [first], (100, 1000)),
-        (1.0, [first, good], (0.01, 1000)),
-        (2.0, [first, dragged], (0.01, 1000)),
-        (3.0, [dragged], (100, 1000)),
-    ):
-        curves.show(PageState(view_of(states), now))
-        curves.error.settle()
-        handle = curves.error.handle
-        assert handle.scales["y"]["range"] == pytest.approx(ends)
-        numbers = handle.axes[1]["values"]
-        assert (numbers[0], numbers[-1]) == (f"{ends[0]:g}", "1,000")
-        assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(ends[1] / ends[0]))
-        handles.append(handle)
-    assert all(handle is handles[0] for handle in handles)
-
-
 def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history(server, measurement):
     curves = curves_of(server, measurement, np.array([4, 5]))
     away = np.zeros((10, 2))

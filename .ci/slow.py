@@ -1,6 +1,6 @@
 """Write slow.txt, the tests that `pytest -m "not slow"` leaves out, from the durations of a run.
 
-    python -m pytest --durations=0 -vv >durations.txt; python tests/slow.py durations.txt
+    python -m pytest --durations=0 -vv >durations.txt; python .ci/slow.py durations.txt
 
 Each line is a function and the seconds that its cases take together.
 """
@@ -18,4 +18,4 @@ if __name__ == "__main__":
     for took, name in LINE.findall(Path(sys.argv[1]).read_text(encoding="utf-8")):
         seconds[name] += float(took)
     listed = sorted(f"{name} {took:.1f}\n" for name, took in seconds.items() if took >= LEAST)
-    Path(__file__).with_name("slow.txt").write_text("".join(listed), encoding="utf-8")
+    Path(__file__).parents[1].joinpath("tests", "slow.txt").write_text("".join(listed), encoding="utf-8")
