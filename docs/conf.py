@@ -9,6 +9,7 @@ from pathlib import Path
 
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from docutils.statemachine import StringList
 from docutils.utils.math.latex2mathml import tex2mathml
 
 PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -96,6 +97,22 @@ class Replay(Directive):
         return [nodes.raw("", f'<div class="replay">{frame}{whole}</div>', format="html")]
 
 
+class Findings(Directive):
+    """A table of `fdcal.assessment.findings`: its checks in their order, each with its limit and the reason of it."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        from fdcal.assessment import findings
+
+        table = ["| verdict | limit | what it limits, and why |", "|---|---|---|"]
+        for one in getattr(findings, self.arguments[0]):
+            table.append(f"| `{one.code}` | {f'{one.limit:g}' if one.reason else ''} | {one.reason} |")
+        parent = nodes.container()
+        self.state.nested_parse(StringList(table, source="findings"), self.content_offset, parent)
+        return parent.children
+
+
 def replays(app, error) -> None:
     """Write the replays beside the pages that show them, and for a web server (`-t site`) the gallery, too."""
     if error is None and app.builder.format == "html":
@@ -109,7 +126,8 @@ def replays(app, error) -> None:
 
 
 def setup(app) -> None:
-    """Add the writer of formulas and the replays."""
+    """Add the writer of formulas, the replays and the tables of checks."""
     app.add_directive("replay", Replay)
+    app.add_directive("findings", Findings)
     app.connect("build-finished", replays)
     app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))
