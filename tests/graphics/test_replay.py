@@ -310,7 +310,7 @@ def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(
         for name, places in (("lowest", there.lowest), ("others", there.others)):
             np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
         weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
-        for cost in (weak, strong, total.ravel()):  # one rule for the scale, as all pictures have it
+        for cost in (weak, strong):  # one rule for the scale, as all pictures have it
             low, high = colour_limits(cost, True)
             ends, first, last = page.evaluate(SCALE_OF, json.dumps(cost.tolist()))  # as a text: an array takes seconds
             np.testing.assert_allclose(ends, 10 * np.log10([low, high]), atol=1e-9)

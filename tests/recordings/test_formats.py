@@ -190,9 +190,8 @@ def here(monkeypatch) -> None:
     monkeypatch.setattr(process, "call", lambda function, *arguments, **limits: function(*arguments))
 
 
-def test_sofa_in_degrees_and_with_a_temperature(tmp_path, here):
-    recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", in_degrees=True, kelvin=303.15))
-    assert np.allclose(recording.positions, PLACES)
+def test_the_temperature_of_a_sofa_file_sets_the_sound_speed(tmp_path, here):
+    recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", kelvin=303.15))
     assert recording.sound_speed == pytest.approx(349.0, abs=0.1)
     assert formats.read(written(tmp_path / "b.sofa", "SingleRoomSRIR", kelvin=0.0)).sound_speed is None
 

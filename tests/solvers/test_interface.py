@@ -12,7 +12,6 @@ from solving import run_from
 from fdcal import solvers
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers import descent, joint
 from fdcal.solvers.interface import RunState, Traits
 
 
@@ -26,14 +25,6 @@ def test_a_solver_has_the_functions_and_traits_of_the_protocol_and_frozen_run_st
     assert issubclass(State, RunState) and State.solver == name
     assert State.__dataclass_params__.frozen
     assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
-
-
-def test_the_names_are_documented():
-    assert solvers.names() == ["descent", "joint", "robust", "room"]
-    assert (solvers.load("descent"), solvers.load("joint")) == (descent, joint)
-    for name in ("descent+joint", "descent+", "+", "newton", "starts", ""):
-        with pytest.raises(InputError, match=r"solver.name = .* descent, joint"):
-            solvers.load(name)
 
 
 @pytest.mark.parametrize("name", ["descent", "joint", "robust"])

@@ -299,24 +299,6 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     assert len(sweep._plot.data[0]) == 6
 
 
-def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
-    viewer, turn_until = opened
-    sweep, tab = viewer.tabs.sweep, viewer.tabs.map
-    set_by_client(sweep.order, DOWN)
-    set_by_client(sweep.highest, 9)
-    ask(sweep)
-    set_by_client(sweep.summed, 4)
-    assert viewer.binding.choices.modes == (6, 7, 8, 9)
-    turn_until(lambda: computed(sweep) == 9)
-    turn_until(lambda: map_on_page(viewer) is not None and "sum of 4 modes" in tab.caption.content)
-    swept, caption = map_on_page(viewer), tab.caption.content
-    sweep._sweep = None  # so the page computes the map itself
-    turn_until(lambda: map_on_page(viewer) is not None and map_on_page(viewer) is not swept
-               and map_on_page(viewer).rgb.shape == swept.rgb.shape)  # fmt: skip
-    np.testing.assert_array_equal(map_on_page(viewer).rgb, swept.rgb)
-    assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
-
-
 def test_many_basins_share_a_grey_and_the_edge_has_its_own():
     x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
     basins = basins_of(np.cos(27 * x) * np.cos(25 * y) + 0.1 * x)
