@@ -19,13 +19,6 @@ def test_the_table_and_all_list_the_same_names():
         fdcal.nosuch  # noqa: B018
 
 
-@pytest.mark.parametrize("name", fdcal.__all__)
-def test_a_public_name_is_there_and_documented(name):
-    value = getattr(fdcal, name)
-    assert value.__name__ == name
-    assert value.__doc__
-
-
 @pytest.fixture(scope="module")
 def tiny() -> fdcal.Measurement:
     return fdcal.load("tiny")

@@ -61,18 +61,6 @@ def test_every_library_that_is_imported_is_named():
     assert imports("benchmarks") <= needed | distributions(EXTRAS["benchmarks"])
 
 
-def test_the_lowest_versions_are_those_of_pyproject():
-    printed = subprocess.run([sys.executable, ROOT / ".ci" / "lowest.py"], capture_output=True, text=True, check=True)
-    lowest = dict(line.split("==") for line in printed.stdout.splitlines())
-    requirements = PROJECT["dependencies"] + EXTRAS["page"][1:] + EXTRAS["pictures"]
-    assert len(lowest) == len(requirements)
-    for requirement in (*requirements, *(line for extra in EXTRAS.values() for line in extra)):
-        assert re.match(r"[\w.,\[\]-]+>=\d", requirement)
-    for requirement in requirements:
-        name = NAME.match(requirement).group()
-        assert requirement.startswith(f"{name}>={lowest[name]}")
-
-
 # -- private names -----------------------------------------------------------------------------------------------------
 
 

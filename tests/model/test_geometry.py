@@ -101,23 +101,6 @@ def test_positions_of_a_scene(edited):
     assert np.allclose(positions_of(load_scene(edited(changes))), expected)
 
 
-@pytest.mark.parametrize(
-    ("a", "b", "expected"),
-    [
-        ((-2, 0), (2, 0.5), True),  # right through
-        ((0, 0), (0.1, 0.2), True),  # within
-        ((0, 0), (0, 5), True),  # ends within
-        ((-2, 1.1), (2, 1.1), False),  # past it
-        ((1.5, 0), (4, 0), False),  # before it
-        ((0.5, 2), (2, 0.5), False),  # past a corner
-        ((0.4, 2), (2, 0.4), False),
-        ((0, 1.9), (1.9, 0), True),  # cuts a corner off
-    ],
-)
-def test_wall_that_crosses_a_square(a, b, expected):
-    assert hull_meets(rectangle((3, 3), (2.0, 2.0)), np.array([a, b], float)) == expected
-
-
 def across(outline, positions):
     """lshape with another outline, or its own, and microphones at `positions`, the first three known."""
     scene = load_scene("lshape")

@@ -330,3 +330,14 @@ def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(control
     said = html.status(view_of([state], running=True), controls[0].binding.measurement)
     assert state_word(state, True) == "Trying another start; the best so far is kept"
     assert "mean 0 mm" in said and "Trying another start" in said and "the best start is kept" in said
+
+
+def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):
+    panel, session = controls
+    set_by_client(panel.run_bar.run, True)
+    session.view = dataclasses.replace(session.view, running=True)
+    panel.show(PageState(session.view, microphone=3))
+    assert panel.run_bar.run.label == "Pause"
+    set_by_client(panel.run_bar.run, True)
+    set_by_client(panel.run_bar.time, 1)
+    assert session.commands == [("play",), ("pause",), ("seek", 1)]

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from doubles import State, view_of
+from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.session.session import StateCosts
@@ -106,3 +107,32 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     inner = tab.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     server.gui.reset()
+
+
+def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
+    """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
+    clock = [0.0]
+    monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
+    plot = plots.Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")
+    for count, top, elapsed, seen in (
+        (1, 9.0, 1.0, (1, 9.0)),
+        (2, 7.0, 0.0, (2, 9.0)),  # first the data
+        (3, 6.0, 0.0, (2, 9.0)),  # a solver runs
+        (4, 6.0, plots.APART, (2, 6.0)),  # then the axes alone, the newest
+        (4, 6.0, 0.0, (2, 6.0)),
+        (4, 6.0, plots.APART, (4, 6.0)),  # and then the data that have come meanwhile
+        (4, 5.0, 0.0, (4, 5.0)),  # of the same extent: at once
+        (5, 5.0, 0.0, (5, 5.0)),  # with the same axes: at once
+    ):
+        clock[0] += elapsed
+        plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), (0.0, top))
+        assert (len(plot.data[0]), plot.handle.scales["y"]["range"][1]) == seen
+
+
+def test_errors_are_drawn_over_whole_decades(curves, measurement):
+    states = [State(measurement.positions + shift, i) for i, shift in enumerate((0.2, 2e-5))]
+    curves.show(PageState(view_of(states), 0.0))
+    handle = curves.error.handle
+    assert handle.scales["y"]["range"] == pytest.approx((0.01, 1000))
+    numbers = handle.axes[1]["values"]
+    assert (numbers[0], numbers[-1], len(numbers)) == ("0.01", "1,000", 6)
