@@ -3,7 +3,7 @@
 frl_array (see bench_real). Three sounds are cut out of each response: the direct one and the reflections from floor
 and ceiling, which come first. Each is a plane wave that passes the six equal microphones on the sphere; its delays
 there, by the slope of phase over frequency, give positions and directions by robust least squares, up to a rotation.
-Nothing of the model of a sound field is used, and no position of a loudspeaker.
+Neither the model of a sound field nor a position of a loudspeaker is used.
 """
 
 from collections.abc import Iterator

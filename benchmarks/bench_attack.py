@@ -1,7 +1,7 @@
 """Hostile places, streams and requests: what the command line and the page make of them, counted.
 
-Files with broken bytes and hostile messages are in `fuzz`. Here are what is no file (pipes, devices, loops of links),
-what changes or ends while it is used, a disk that is full, arrays beyond any bound, and requests of strangers. A
+Files with broken bytes and hostile messages are in `fuzz`. Here are paths that are not files (pipes, devices, loops of
+links), files that change or end while they are read, a full disk, arrays beyond any bound, and requests of strangers. A
 command has to end in SECONDS, with one line on standard error and an exit code of its table, and must leave nothing
 behind.
 """

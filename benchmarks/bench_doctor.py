@@ -1,12 +1,12 @@
-"""Whether `fdcal doctor` names what is wrong with a recording: injected faults, and sets without any.
+"""Whether `fdcal doctor` names what is wrong with a recording: injected faults, and recordings without faults.
 
 living      noise in a living room, 16 microphones in a ball of 0.4 m, four takes of 12 s, 30 dB
 dead        impulses in a dead room, 16 in a ball of 0.3 m, four takes, 60 dB below the peak
 rendered    the measured room of scene `listening_lab`, 16 in a ball of 0.4 m, turned between four takes
 measured    the measured array of seven microphones, four takes of ../shared/data/frl_array, else examples/frl_array
 
-A fault is named if the finding that it belongs to holds its channel, or anything where it is none of a channel; that it
-is called what it is is counted apart. A channel of noise may be called dead or noisy.
+A fault of a channel is named if its finding lists the channel, and another fault if its finding reports anything.
+Whether the fault has its right name is counted separately. A channel of noise may be called dead or noisy.
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
 FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS

@@ -5,7 +5,7 @@ A figure stands between marks, in a text or as a whole table:
     <!-- figure: KEY -->text<!-- /figure -->
 
 and in docs/figures.json under its key, with which a test compares the documents. FDCAL_BENCH_KEYS names some keys,
-separated by commas; all take about half an hour of one processor. `python -m benchmarks documents` writes both. What a
+separated by commas; all take about an hour of one processor. `python -m benchmarks documents` writes both. What a
 command prints keeps the lines and the words that the document has, and gets the numbers of a run (`printed.renewed`).
 Then the tests in checks/ run (`pip install -e '.[test]'`): pages from beginning to end, examples, what the lessons
 state, and the paper's figures; exit code 1 where one of them fails.

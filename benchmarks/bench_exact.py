@@ -1,4 +1,4 @@
-"""How few modes make the array exact, without noise: arrays 1 and 2, over draws of the source and the random array.
+"""How many modes make the positions exact without noise: arrays 1 and 2, over draws of the source and the random array.
 
 Exact, with known microphones: every microphone is right after rounding to the 1 cm lattice. Blind: each is within 5 mm
 of its position after a rigid motion. The paper needs 57 modes for array 1 and 39 for array 2.

@@ -1,8 +1,8 @@
 """A room of known size: 8 microphones at 30 frequencies, 40 dB, nothing else known; positions up to the room's mirrors.
 
 Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The field is
-that of `fdcal.acoustics.box_field`, with rigid walls in the plane and absorbing ones in space: a formula other than the
-solver's, which does not know the walls.
+that of `fdcal.acoustics.box_field`, with rigid walls in the plane and absorbing ones in space. The solver uses another
+formula and does not know the walls.
 """
 
 import os

@@ -1,6 +1,6 @@
 """What 1 dB of gain and 5 degrees of phase mismatch between the channels cost: RMS position error of `draws.SOLVER`.
 
-In the measured room one more channel is inverted and one dead; they are to be named; the error is that of the others.
+In the measured room one channel is inverted and one is dead, too. Both must be named; the error is that of the others.
 """
 
 import os

@@ -4,10 +4,10 @@ Nothing is given; four takes of 8 s of noise, or four impulses, as of `fdcal_ben
 range of `fdcal plan` for this array, room, reverberation time, sound, four takes and 30 dB. Reached: RMS after the best
 rigid motion.
 
-What is a test of the forecast: its extra scatter was chosen by the cases of `fdcal_bench`, and the factor of impulses
-by these and by the first three draws of each further case with impulses. The first three draws of the further cases
-with noise in the living room had been seen when the model was chosen. So the further draws with impulses are no test;
-of those with noise the office is one, and so are draws of the living room after the third.
+Not all draws test the forecast. Its extra scatter was chosen by the cases of `fdcal_bench`, and its factor for
+impulses by these and by the first three draws of each further case with impulses. The model was chosen with the first
+three draws of the further cases with noise in the living room. So these are a test: the further draws with noise in
+the office, and in the living room after the third draw.
 
 FDCAL_BENCH_DRAWS sets the draws of the further cases, 3 unless given; the others are the reference draws of
 `fdcal_bench`.

@@ -2,10 +2,10 @@
 
 Jobs are the cases of `benchmarks.field`, with the modes that fdcal chooses and with a part of them, family by family,
 until WANTED of them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless given) have been tried.
-REMEDIES is the table of what fdcal can print: words of the verdict, and what somebody does who follows them. A remedy
-helps where the RMS error falls by a fifth, or the answer is called good and is right (`benchmarks.field.score`). One
-that cannot be followed, as more modes where all are in use, counts as no help. It should help in most jobs; otherwise
-it does not belong into a verdict.
+The table REMEDIES maps the words that fdcal can print to the action of somebody who follows them. A remedy helps if
+the RMS error falls by a fifth, or if the answer is called good and is right (`benchmarks.field.score`). A remedy that
+cannot be followed, such as more modes if all are in use, counts as no help. A remedy that does not help in most jobs
+does not belong into a verdict.
 """
 
 import io

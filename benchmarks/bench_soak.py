@@ -1,12 +1,12 @@
 """Two pages that press everything for a long time: do memory, files and threads grow, does a run stop?
 
-Every control that is shown gets values at random: ends of sliders, all options, texts that are none, any button. The
+Every control that is shown gets random values: ends of sliders, all options, invalid texts, any button. The
 clients speak viser's protocol, without a browser. FDCAL_SOAK_PRESSES says how often something is pressed, 3000 times
-unless given, which takes about ten minutes. It is done in rounds; after each the scene is opened again, so that what
-is measured there is one session's, whatever was pressed before. Not part of a run of all benchmarks: name it, `soak`.
+unless given, which takes about ten minutes. After each round the scene is opened again, so that the measurement is
+that of one session, whatever was pressed before. A run of all benchmarks leaves it out: name it, `soak`.
 
-What grows once: compiled code of each solver and map, and the libraries of an export (VTK has 56 MB), where each is
-first needed. What comes and goes: downloads, and heap that malloc keeps between objects.
+Memory grows once for the compiled code of each solver and map and for the libraries of an export (VTK has 56 MB). It
+varies with downloads and with the heap that malloc keeps between objects.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""A page that shows one scene after the other: do threads stay, does memory grow?
+"""A page that shows one scene after the other: do threads remain, does memory grow?
 
 FDCAL_SWITCHES says how many scenes are opened, 200 unless given. Not part of a run of all benchmarks: name it.
 """

@@ -1,7 +1,7 @@
-"""What more places of the source bring where takes share the rows that an import takes: 64 microphones, and a hall.
+"""What more places of the source bring if takes share the rows of an import: 64 microphones, and a hall.
 
-Nothing is given; one, two and four takes of 8 s of noise at 30 dB, as of `fdcal_bench`: expected error of `fdcal plan`
-and its least error beside what `FDCAL_BENCH_DRAWS` draws reach, RMS, 4 unless given.
+No position is given; one, two and four takes of 8 s of noise at 30 dB, as in `fdcal_bench`. The table has the expected
+and the least error of `fdcal plan` beside the RMS error of FDCAL_BENCH_DRAWS draws, 4 unless given.
 """
 
 import os

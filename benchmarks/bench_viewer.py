@@ -1,8 +1,8 @@
 """How quickly the page answers while the solver runs, seen by the server itself and by a real browser.
 
 On the server's side times begin as a slider's message comes in and end when the main loop has published its effect
-to all pages (`benchmarks.watched`). A microphone is dragged twice: by the browser's own mouse, as
-fast as that is, and on the server, 60 times a second. Frames are the browser's own. The first picture is timed from the
+to all pages (`benchmarks.watched`). A microphone is dragged twice: by the mouse of the browser, as fast as it sends
+events, and on the server, 60 times a second. Frames are counted in the browser. The first picture is timed from the
 command to the page's first microphones, the browser running already. FDCAL_WARM_ONLY leaves the cold start out.
 """
 

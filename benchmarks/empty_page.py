@@ -1,4 +1,4 @@
-"""A page of viser with one node, and a slider whose value comes back as a text: what Chromium and viser take for a
+"""A page of viser with one node, and a slider whose value comes back as a text: how long Chromium and viser need for a
 first picture and for a round trip without fdcal.
 
 A program: python -m benchmarks.empty_page

@@ -1,4 +1,4 @@
-"""What commands of `fdcal` print, and how a document that shows some of it gets the figures of today."""
+"""Run commands of `fdcal`, and put the figures that they print into a document that shows some of their lines."""
 
 import contextlib
 import io

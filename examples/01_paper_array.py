@@ -1,7 +1,7 @@
 """Calibrate the paper's array 1 and plot it.
 
 Usage: python 01_paper_array.py [SCENE]
-The first run simulates 4 s of sound, which takes about a minute; later runs read it from the cache.
+The first run simulates 4 s of sound, which takes about ten seconds; later runs read it from the cache.
 """
 
 import sys

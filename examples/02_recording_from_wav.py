@@ -1,4 +1,4 @@
-"""Find the microphones of a WAV file: one channel a microphone, three positions measured by hand.
+"""Find the microphones of a WAV file, with one channel for each microphone and three positions measured by hand.
 
 Here the file is written first, from a simulation; use your own instead.
 """

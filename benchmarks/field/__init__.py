@@ -1,4 +1,4 @@
-"""A generator of calibration cases, and their score: their fields share no line with `fdcal`, their noise is its draw.
+"""A generator of calibration cases, and their score. Their fields use no code of `fdcal`; the noise is drawn by it.
 
 families    lists of case descriptions, each fixed by its seed
 cases       a case description to the content of a measurement file and the truth

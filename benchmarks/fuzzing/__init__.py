@@ -1,4 +1,4 @@
-"""Broken files for every reader, from a seed: what a reader makes of one is an object that is in order, or one line.
+"""Broken files for every reader, from a seed. A reader must return a valid object or end with an error of one line.
 
 mutations   how a file is broken
 readers     each reader with files that it reads, and what must hold of what it returns
