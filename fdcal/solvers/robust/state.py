@@ -33,7 +33,7 @@ SUSPICIOUS = 4.0  # relative noise tau above which a channel is examined
 
 # iterations of expectation and maximisation of the power by direction, before the first step and after every step;
 # with 1 the errors grow by 2 %
-DIRECTION_UPDATES = 3
+DIRECTION_UPDATES = 2
 
 # least fraction of noise in the power. An undamped isotropic field leaves about 1e-6 of any room unexplained. With less
 # than 1e-8 the covariance of a measurement without noise depends on the frame.
