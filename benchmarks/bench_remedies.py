@@ -10,6 +10,7 @@ does not belong into a verdict.
 
 import io
 import os
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -33,7 +34,7 @@ WANTED, FEWEST = 10, 10
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "40"))
 FAMILIES_WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
 FALLS = 0.8  # of the error before
-MORE_KNOWN, LOUDER_DB, LONGER = 4, 10.0, 4.0
+LOUDER_DB, LONGER = 10.0, 4.0
 FEWER = 0.35  # of the modes, as of somebody who has chosen few
 
 
@@ -69,11 +70,10 @@ def in_modes(job: Job, count: int) -> CalibrationInput:
 
 
 def more_known(job: Job) -> CalibrationInput:
-    """Return the inputs with the true positions of a few microphones more."""
+    """Return the inputs with the true positions of the microphones that the verdict names, too."""
     known = set(job.inputs.measurement.known.tolist()) if job.inputs.settings.known == "all" else set()
-    others = [n for n in range(len(job.case.positions)) if n not in known]
-    chosen = np.random.default_rng(0).permutation(others)[:MORE_KNOWN]
-    places = {str(n): job.case.positions[n] for n in [*known, *chosen.tolist()]}
+    asked = job.result.verdict_text.partition("the positions of microphones ")[2].partition(" (")[0]
+    places = {str(n): job.case.positions[n] for n in sorted(known | {int(n) for n in re.findall(r"\d+", asked)})}
     measurement = with_known(job.inputs.measurement, places)
     settings = replace(job.inputs.settings, known="all")
     return with_mode_number(replace(job.inputs, measurement=measurement, settings=settings))
@@ -107,10 +107,7 @@ def with_distance(job: Job) -> CalibrationInput:
 REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
     "use fewer modes": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
-    "give known microphones": more_known,
-    "name known microphones": more_known,
-    "more known microphones": more_known,
-    "give more positions": more_known,
+    "give the positions of microphones": more_known,
     "closer together": lambda job: rebuilt(job, size=job.case.spec.size / 2),
     "record another take": lambda job: rebuilt(job, takes=job.case.spec.takes + 1),
     "measure longer, louder": lambda job: rebuilt(job, snr=(job.case.spec.snr or 60.0) + LOUDER_DB),

@@ -71,7 +71,8 @@ class Finding(Generic[Seen]):
     code: str  # of the verdict
     applies: Callable[[Seen, float], bool]  # maps evidence and limit to whether the finding applies
     words: Callable[[Seen], str]  # maps the evidence to a text that says what was found
-    remedy: str = ""  # what the user can do; "" where the words say so
+    # what the user can do, for some findings a function of the evidence; "" where the words say so
+    remedy: str | Callable[[Seen], str] = ""
     limit: float = 0.0  # the threshold
     reason: str = ""  # meaning of the limit, and why it has this value
 
@@ -301,9 +302,24 @@ def precision(sigma: np.ndarray, residual: float | None) -> str:
 
 
 def _named(faults: Sequence[ChannelFault]) -> str:
-    """Return the names of microphones as a text: "a, b and c"."""
-    names = [fault.name for fault in faults]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    """Return the names of microphones as a text."""
+    return _listed([fault.name for fault in faults])
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Return names as a text: "a, b and c"."""
+    return ", ".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+MORE_KNOWN = 4  # number of further microphones whose positions a remedy asks for: enough to fix a frame in space
+
+
+def _least_certain(seen: Judged) -> str:
+    """Return the words for the positions of the healthy microphones sought that are least certain."""
+    sigma = np.where(seen.healthy, one_sigma(seen.covariance), -1.0)
+    sigma[seen.estimate.problem.known] = -1.0
+    chosen = [int(n) for n in np.argsort(-sigma, kind="stable")[:MORE_KNOWN] if sigma[n] >= 0]
+    return f"the positions of microphones {_listed([seen.names[n] for n in sorted(chosen)])} (<known>)"
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
@@ -385,27 +401,27 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
-            "name known microphones, or give one <distance> with <estimate_sound_speed>",
+            lambda seen: f"give {_least_certain(seen)}, or one <distance> with <estimate_sound_speed>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
-            MORE_MODES + "give known microphones that lie less on one line"),
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
-            MORE_MODES + "give more known microphones"),
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}"),
     Finding("ambiguous", _other_minimum, _other_minimum_words,
-            MORE_MODES + "give known microphones",
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             2.3, "noise of a channel over that of the median one"),
     Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * rms_radius(seen.estimate.positions[seen.healthy]),
             lambda seen: f"the positions are uncertain by {100 * seen.uncertain:.2g} cm",
-            MORE_MODES + "give more known microphones, or record with less noise",
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record with less noise",
             0.1, "one sigma of the positions over the root mean square radius of the array"),
     Finding("ambiguous",
             lambda seen, limit: bool(len(seen.estimate.problem.known))
             and seen.loosest >= max(limit, 3 * seen.uncertain),
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
                          f" place that microphone only to {length_text(seen.loosest, 2)}",
-            MORE_MODES + "give more positions",
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
     Finding("good", lambda seen, _: True, _good),
 )
@@ -505,5 +521,6 @@ def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estim
     words, measured = found.words(seen), estimate.problem.frequencies
     used = len(measured[estimate.modes])
     more = f"use <modes> {min(2 * used, len(measured))}, or " if used < len(measured) else ""
-    remedy = found.remedy.replace(MORE_MODES, more)
+    remedy = found.remedy if isinstance(found.remedy, str) else found.remedy(seen)
+    remedy = remedy.replace(MORE_MODES, more)
     return found.code, f"{words}; {remedy}" if remedy else words

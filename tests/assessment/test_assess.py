@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -17,6 +18,7 @@ from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.assess import assess, judged
 from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom, first_finding
+from fdcal.assessment.uncertainty import covariance_of
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
@@ -561,14 +563,18 @@ def test_limits_of_known_rooms_hold_five_sigmas_and_of_four_channels_none_stands
     assert np.linalg.norm(assess(in_room).positions - IN_ROOM, axis=1).max() < 0.02
 
 
-def test_more_modes_are_a_remedy_only_where_there_are_more(estimate):
-    remedies = {one.remedy for one in FINDINGS if "(<modes>), or " in one.remedy and one.code == "ambiguous"}
-    assert len(remedies) == 5
-    for remedy in remedies:
-        finding = replace(FINDINGS[-1], applies=lambda *_: True, words=lambda _: "uncertain", remedy=remedy)
-        texts = [first_finding([finding], None, replace(estimate, modes=m))[1] for m in (slice(0, 5), slice(None))]
-        other = remedy.partition(", or ")[2]
-        assert texts == [f"uncertain; use <modes> 10, or {other}", f"uncertain; {other}"]
+def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_microphones(estimate):
+    rows = [one for one in FINDINGS if one.code == "ambiguous"]
+    names, known = [str(n) for n in range(len(estimate.positions))], estimate.problem.known
+    sigma = np.sqrt(np.trace(covariance_of(estimate), axis1=1, axis2=2))
+    assert len(rows) == 5
+    for row in rows:
+        finding, seen = replace(row, applies=lambda *_: True, words=lambda _: "uncertain"), judged(estimate, names)
+        few, every = (first_finding([finding], seen, replace(estimate, modes=m))[1] for m in (slice(0, 5), slice(None)))
+        assert few == every.replace("uncertain; ", "uncertain; use <modes> 10, or ")
+        asked = [int(n) for n in re.findall(r"\d+", every.partition("of microphones")[2].partition("(<known>)")[0])]
+        others = np.setdiff1d(np.arange(len(sigma)), [*known, *asked])
+        assert len(asked) == 4 and not np.isin(asked, known).any() and sigma[asked].min() >= sigma[others].max()
 
 
 # --- the end, not the way to it --------------------------------------------------------------------------------------
