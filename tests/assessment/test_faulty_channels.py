@@ -188,9 +188,13 @@ def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
     assert faulty_channels(noisy, covariance, NAMES) == {}
 
 
-def test_a_given_position_within_its_sigma_is_not_misplaced(estimate):
+def test_a_given_position_within_its_sigma_is_not_misplaced_and_one_near_another_microphone_not_exchanged(estimate):
     n, covariance = KNOWN[2], covariance_of(estimate)
     moved = np.array(estimate.problem.known_positions)
+    moved[2] = estimate.positions[FAULTY] + [0.02, 0.0]
+    near = replace(estimate, problem=replace(estimate.problem, known_positions=moved))
+    assert [(n, one.kind) for n, one in faulty_channels(near, covariance, NAMES).items()] == [(n, "misplaced")]
+    moved = moved.copy()
     moved[2] = estimate.positions[n] + [0.05, 0.0]
     away = replace(estimate, problem=replace(estimate.problem, known_positions=moved))
     ((number, one),) = faulty_channels(away, covariance, NAMES).items()

@@ -12,7 +12,7 @@ from fdcal.cost.scale import Minima
 from fdcal.graphics import overlays
 from fdcal.graphics.annotations import annotate, legend_of, margins
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.marks import MARKS, symbol
+from fdcal.graphics.marks import EDGE, MARKS, symbol, symbol_svg
 from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
 from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import camera_of
@@ -149,3 +149,5 @@ def test_a_symbol_fills_its_square(name):
     alpha = np.asarray(symbol(MARKS[name], 40))[..., 3]
     assert isinstance(symbol(MARKS[name], 40), Image.Image) and 40 < (alpha > 128).sum() < 1200
     assert alpha[[0, -1]].max() < 30, "nothing is cut off"
+    width = float(re.findall(r"stroke-width='([\d.]+)'", symbol_svg(MARKS[name]))[-1])
+    assert width == pytest.approx(MARKS[name].line * EDGE / 2, rel=0.01), "as in the PNG, over half of the square"
