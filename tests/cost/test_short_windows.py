@@ -111,6 +111,8 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
         assert np.allclose(np.delete(turned.positions, axes, axis=1), 0)
         moves = free_parameters(N, T, axes)[: 5 * N].reshape(N, 5)
         assert np.array_equal(np.flatnonzero(moves.all(axis=0)), axes)
+    some = free_parameters(N, T, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
+    assert np.array_equal(np.flatnonzero(some), range(5)), "the first ones"
     upwards = turned.spectrum[4]  # of the last case, in which z is free; less sound comes from there, the greater it is
     level = [-upwards / 2 + turned.spectrum[0], -upwards / 2 - turned.spectrum[0]]
     assert upwards >= max(level[axis] for axis in axes if axis < 2) and np.allclose(turned.spectrum[2:4], 0, atol=1e-12)
