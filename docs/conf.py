@@ -98,16 +98,16 @@ class Replay(Directive):
 
 
 class Findings(Directive):
-    """A table of `fdcal.assessment.findings`: its checks in their order, each with its limit and the reason of it."""
+    """A table of `fdcal.assessment.findings`: its checks in their order, each with its limit and the reason for it."""
 
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
         from fdcal.assessment import findings
 
-        table = ["| verdict | limit | what it limits, and why |", "|---|---|---|"]
+        table = ["| verdict | limit | what is compared with the limit, and why it has this value |", "|---|---|---|"]
         for one in getattr(findings, self.arguments[0]):
-            table.append(f"| `{one.code}` | {f'{one.limit:g}' if one.reason else ''} | {one.reason} |")
+            table.append(f"| `{one.code}` | {f'{one.limit:g}' if one.limit else ''} | {one.reason} |")
         parent = nodes.container()
         self.state.nested_parse(StringList(table, source="findings"), self.content_offset, parent)
         return parent.children

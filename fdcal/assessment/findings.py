@@ -74,7 +74,7 @@ class Finding(Generic[Seen]):
     # what the user can do, for some findings a function of the evidence; "" where the words say so
     remedy: str | Callable[[Seen], str] = ""
     limit: float = 0.0  # the threshold
-    reason: str = ""  # meaning of the limit, and why it has this value
+    reason: str = ""  # meaning of the limit, and why it has this value; without a limit what the condition is
 
 
 @dataclass(frozen=True)
@@ -350,7 +350,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
             "measure longer, louder, or use fewer modes (<modes>)",
             0.3, "noise over the power; with more the search itself is a guess"),
-    Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
+    Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
+            reason="a single wave passes the array, because there are hardly any reflections"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {_named(seen.unexplained)}: {CAUSES}",
@@ -365,7 +366,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
-    Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled),
+    Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled,
+            reason="modes above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: "the solver ended while microphones still moved, by up to"
                          f" {seen.step_left:.2g} times their one sigma", "",
@@ -405,10 +407,12 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}"),
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
+            reason="another array explains the pressures as well"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.starts_disagree() > 0,
             lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}"),
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
+            reason="each start of the search ended at another array"),
     Finding("ambiguous", _other_minimum, _other_minimum_words,
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             2.3, "noise of a channel over that of the median one"),
@@ -423,7 +427,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
                          f" place that microphone only to {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
-    Finding("good", lambda seen, _: True, _good),
+    Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),
 )
 # fmt: on
 
@@ -500,7 +504,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
                          f" noise: {ROOM_CAUSES}",
             "", 3e-3, "unexplained fraction of the power if no noise is given: -25 dB, more than recordings have"),
     Finding("not_converged", lambda seen, _: not seen.estimate.converged,
-            lambda _: "the solver stopped while microphones still moved"),
+            lambda _: "the solver stopped while microphones still moved",
+            reason="the solver stopped while microphones still moved"),
     Finding("known_position", lambda seen, _: bool(seen.displaced),
             lambda seen: "known microphones are estimated elsewhere than given: "
                          + ", ".join(f"{name} ({100 * away:.2g} cm)" for name, away in seen.displaced),
@@ -510,7 +515,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
             lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
             MORE_MODES + "record with less noise",
             0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
-    Finding("good", lambda seen, _: True, _good_in_room),
+    Finding("good", lambda seen, _: True, _good_in_room, reason="no check has found anything"),
 )
 # fmt: on
 
