@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from fdcal.commands.cli import guarded
+from fdcal.commands import cli
 from fdcal.commands.options import force_option, output_option, progress_bar, scene_of
 
 from . import ARRAYS, FIGURES, LANDSCAPE, array_of, files_of, pages, require_free, write
@@ -39,9 +39,8 @@ def paper(figures, names, seeds, quick, output, force):
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command, with the errors and exit codes of `fdcal`."""
-    with guarded() as end:
-        paper.main(arguments, "benchmarks.paper", standalone_mode=False)
-    sys.exit(end.code)
+    cli.commands.add_command(paper)
+    cli.main(["paper", *(sys.argv[1:] if arguments is None else arguments)])
 
 
 if __name__ == "__main__":
