@@ -1,7 +1,6 @@
-"""Title, labels, legend and colour bar of a picture, written over the image of its scene.
+"""Title, labels, legend and colour bar of a picture, drawn over the image of its scene.
 
-The legend has exactly the marks that are drawn, in one order, for every renderer: the page, the PNG and the test of
-both read the same entries.
+The legend has exactly the marks that are drawn. Page and PNG use the same entries in the same order.
 """
 
 from __future__ import annotations
@@ -15,9 +14,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, lifted, project
 from .marks import MARKS, Mark, symbol
-from .primitives import Colour, ColourBar, Label, Picture, by_rank, halo_of
+from .primitives import Colour, ColourBar, Label, Picture, by_rank
 
-OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
+OUTLINE: Colour = (128, 128, 128)  # of an area, whose colour may be that of the page
 
 
 def legend_of(picture: Picture) -> tuple[Mark, ...]:
@@ -44,7 +43,7 @@ SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and hei
 
 
 def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
-    """Return the pixels that an entry takes, with the space to the next one."""
+    """Return the width of an entry and of the space to the next one, pixels."""
     return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
 
 
@@ -58,7 +57,7 @@ LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the pixels of one point of text: an image 800 pixels high has a 16-pixel font, in the usual size."""
+    """Return the pixels of one point of text: 1 in an image 800 pixels high, which has a 16-pixel font."""
     return min(size[0] / 1000, size[1] / 800)
 
 
@@ -69,7 +68,7 @@ def font(points: float) -> ImageFont.FreeTypeFont:
 
 
 def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top."""
+    """Return the margins for rulers, legend, colour bar and title, pixels: left, bottom, right, top."""
     scale, right = text_scale(size), 40 if picture.bar is None else 160
     return 90 * scale, (62 + ROW * len(_legend_rows(picture, size))) * scale, right * scale, 104 * scale
 
@@ -95,8 +94,8 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     draw = ImageDraw.Draw(image)
     letters = font(16 * scale)
     for label, place in uncovered(draw, picture, camera, letters):
-        outline = halo_of(label.colour, picture.theme)
-        _write(draw, place, label.text, letters, label.colour, ANCHORS[label.anchor], outline, scale)
+        colours = picture.theme.foreground, picture.theme.background
+        _write(draw, place, label.text, letters, ANCHORS[label.anchor], *colours, scale)
     if picture.title:  # on a rectangle of the background's colour, in the upper left corner
         place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
         end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
@@ -119,7 +118,7 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
 
 
 def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Label, tuple[float, float]]]:
-    """The texts of a scene and their pixels, without those that would cover one that comes before, as on the page."""
+    """Return the texts of a scene and their pixels, without those that overlap one of higher priority."""
     labels, taken, seen = by_rank(picture.labels), [], []
     points = np.array([label.position for label in labels]).reshape(-1, 3)
     places = project(camera, draw.im.size, lifted(camera, points, [label.lift for label in labels])).tolist()
@@ -135,7 +134,8 @@ def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Lab
     return seen
 
 
-def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor: str, outline, scale: float) -> None:
+def _write(draw, place: tuple[float, float], text: str, letters, anchor: str, colour, outline, scale: float) -> None:
+    """Draw an outlined text at a pixel."""
     width = max(round(2.5 * scale), 1)
     draw.text(place, text, fill=colour, font=letters, anchor=anchor, stroke_width=width, stroke_fill=outline)
 
@@ -156,6 +156,6 @@ def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -
     for fraction, text in bar.ticks:
         row = bottom + fraction * (top - bottom)
         draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
-        _write(draw, (right + 10 * scale, row), text, letters, theme.foreground, "lm", theme.background, scale)
+        _write(draw, (right + 10 * scale, row), text, letters, "lm", theme.foreground, theme.background, scale)
     label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" the layer z", "\nthe layer\nz")
     draw.multiline_text((left - scale, top - 8 * scale), label, theme.foreground, font(14 * scale), anchor="ld")

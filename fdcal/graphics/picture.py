@@ -1,8 +1,8 @@
-"""What there is to see, as primitives that any renderer can draw: one picture, two renderers.
+"""The picture of an array as primitives, which the page and the PNG renderer draw.
 
-First what surrounds the microphones: room and source, the search domain with its rulers, or a box around all. Then the
-microphones and the map; last the texts of a title. Lengths are metres, colours RGB from 0 to 255.
-`fdcal.graphics.marks` says what the marks look like.
+`static_picture` has the room, the source, the search domain with its rulers, and the true microphones; `with_estimate`
+adds the estimate, `with_floor` a map. Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics.marks` defines the
+marks.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,16 @@ from .primitives import THEMES, Anchor, Floor, Label, Lines, Mesh, Picture, Them
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
 
-PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
-MIN_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
-EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
+PLANE_WALLS = 0.12  # height of the walls of a plane room over its longer side
+MIN_SOURCE = 0.012  # a quarter of the least size of a source's mark, over the room's longer side, to be visible
+EMPTY_MARGIN = 0.1  # m around the microphones if there is no search domain
 
 
 def focus_of(measurement: Measurement) -> Box:
     """Return the box (x0, y0, x1, y1) that a picture shows, metres: the search domain, or all known positions."""
     search = measurement.search
     if search is not None:
-        low = np.array(search.origin[:2], float) - search.step / 2  # a candidate stands in the middle of its cell
+        low = np.array(search.origin[:2], float) - search.step / 2  # a candidate is the centre of its cell
         high = low + np.array(search.shape[:2]) * search.step
     else:
         points = measurement.positions if measurement.positions is not None else measurement.known_positions
@@ -55,7 +55,7 @@ def z_range_of(scene: Scene | None, measurement: Measurement) -> tuple[float, fl
 
 
 def wall_height(scene: Scene) -> float:
-    """Return the height of the walls as they are drawn, metres; a plane room has low ones."""
+    """Return the height at which the walls are drawn, metres; a plane room has low walls."""
     size = scene.room.size
     if scene.room.dimension == 3 and size is not None:
         return size[2]
@@ -66,9 +66,9 @@ HEIGHT_TICKS = "frame_ticks"  # name of the ruler's ticks; seen from the top the
 
 
 def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
-    """Return the outline of the search domain with its rulers; of one in space also the edges above its base.
+    """Return the outline of the search domain with its rulers; in space also the edges above its base.
 
-    From the top the numbers of the heights coincide, and one label gives their whole range.
+    Seen from the top the numbers of the heights coincide; another label then gives their whole range.
     """
     (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
     level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -77,9 +77,9 @@ def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme:
     for axis, (start, end, across, anchor) in enumerate(edges):
         ticks, places, texts = glyphs.ruler(start, end, across, axis, tick, level)
         pieces.append(ticks)
-        labels += _numbers("xy"[axis], places, texts, theme, anchor)
-    labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), theme.foreground, "top-right"))
-    labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
+        labels += _numbers("xy"[axis], places, texts, anchor)
+    labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), "top-right"))
+    labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), "bottom-center"))
     outline = lines("frame", np.concatenate(pieces), theme.foreground, 1.5)
     if high <= low:
         return outline, *labels
@@ -92,33 +92,33 @@ def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme:
         lines("frame_uprights", glyphs.stems(glyphs.lift(corners, low), high), theme.grid, 1.5),
         lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
         lines(HEIGHT_TICKS, ticks, theme.foreground, 1.0),
-        Label("frame/range", text, place, theme.foreground, "bottom-right"),
-        Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), theme.foreground, "bottom-center"),
-        *_numbers("z", ticks[:, 1] - [0.6 * tick, 0.0, 0.0], glyphs.tick_texts(values), theme, "center-right"),
+        Label("frame/range", text, place, "bottom-right"),
+        Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), "bottom-center"),
+        *_numbers("z", ticks[:, 1] - [0.6 * tick, 0.0, 0.0], glyphs.tick_texts(values), "center-right"),
     )
 
 
-def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], theme: Theme, anchor: Anchor) -> list[Label]:
-    """The numbers of a ruler at `places` (T, 3), metres."""
+def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], anchor: Anchor) -> list[Label]:
+    """Return the numbers of a ruler at `places` (T, 3), metres."""
     return [
-        Label(f"frame/{axis}{i}", text, (x, y, z), theme.foreground, anchor)
+        Label(f"frame/{axis}{i}", text, (x, y, z), anchor)
         for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True))
     ]
 
 
 def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
-    """Return the walls, the grid on the floor and the source of a scene that is no measured room.
+    """Return the walls, the grid on the floor and the source of a scene whose room is not a measured one.
 
-    A source with several places is marked at each of them, with the number of the take.
+    A source with several positions is marked at each of them, with the number of the take.
     """
     vertices, height, sources = scene.room.vertices, wall_height(scene), np.array(scene.emitter.places, float)
     several, extent = len(sources) > 1, float(np.ptp(vertices, axis=0).max())
     edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
     grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
-    if scene.room.dimension == 3:  # a box by its edges alone: walls of full height would veil what is in the room
+    if scene.room.dimension == 3:  # only the edges of a box, since its walls would hide the inside
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # which crosses the array
+        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # its lines cross the array
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
@@ -133,26 +133,29 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
         if several and scene.room.dimension == 3:
             parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), theme.foreground, 2.0))
         x, y, z = place.tolist()
-        parts.append(Label(f"{name}/name", text, (x, y - 3 * radius, z), theme.foreground, "top-center"))
+        parts.append(Label(f"{name}/name", text, (x, y - 3 * radius, z), "top-center"))
     return parts
 
 
-# In radii of a marker: sizes of a text on the screen where the search domain fills it, and distances.
-LETTER, HEIGHT = 1.2, 2.8  # width of a letter, with its fraction of the edges; height of a text
-BESIDE, ABOVE = 3.2, 3.2  # from the microphone to the near edge of its name: beyond a diamond around it
-MARK = 1.2  # reach of another mark
-# Where the near edge of the name is, from the microphone; the first of equals is taken.
+# In radii of a marker, for a search domain that fills the screen: size of a text, and distances.
+LETTER, HEIGHT = 1.2, 2.8  # mean width of a letter, margins included; height of a text
+BESIDE, ABOVE = 3.2, 3.2  # distance of a name from its microphone, beyond a diamond around it
+MARK = 1.2  # radius of another mark
+# Directions from the microphone to its name, in the order of preference.
 SIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1)), *((0.7, 0.7), (-0.7, 0.7), (0.7, -0.7), (-0.7, -0.7)),
     *((2.2, 0), (-2.2, 0), (0, 2.2), (0, -2.2)),
 )  # fmt: skip
-OUTSIDE = 100.0  # hidden marks that a text beyond the edge is worth
+OUTSIDE = 100.0  # number of hidden marks that is as bad as a text beyond the edge
 
 
 def name_place(
     text: str, place, marks, focus: tuple[float, float, float, float], marker_radius: float
 ) -> tuple[tuple[float, float], Anchor]:
-    """Return where the name of a microphone at `place` stands, metres, and its anchor: in `focus`, clear of `marks`."""
+    """Return the position, metres, and the anchor of the name of a microphone at `place`.
+
+    It is inside `focus` and hides as few of `marks` as possible.
+    """
     width, height = LETTER * len(text) * marker_radius, HEIGHT * marker_radius
     low, high = (np.reshape(marks, (-1, 2)) + reach for reach in (-MARK * marker_radius, MARK * marker_radius))
     found = []
@@ -169,8 +172,8 @@ def name_place(
     return min(found, key=lambda one: one[0])[1:]
 
 
-NOMINAL = (("microphones/true", "nominal"), ("microphones/error", "deviation"))  # words of the legend
-PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker, of the longer side of the search domain
+NOMINAL = (("microphones/true", "nominal"), ("microphones/error", "deviation"))  # captions for nominal positions
+PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker over the longer side of the search domain
 
 
 def compose(
@@ -196,9 +199,9 @@ def static_picture(
     floor: Floor | None = None,
     lecture: bool = False,
 ) -> Picture:
-    """Return what stays the same while a solver runs.
+    """Return the part of the picture that does not change while a solver runs.
 
-    `scene`: for room and source; `floor`: a map in relief, on which the microphones stand, and which `with_floor`
+    `scene` has room and source; `floor` is a map in relief, on which the true microphones stand, and which `with_floor`
     draws; `lecture`: whether texts, marks and contrast suit a projector.
     """
     theme = THEMES[dark][lecture]
@@ -242,7 +245,7 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     for name, places in (("minima", floor.minima), ("lowest", floor.lowest)):
         if places:
             spots, heights = np.array(places), np.full(len(places), floor.height)
-            if floor.heights is not None:  # at which the mark touches the map with its highest corner
+            if floor.heights is not None:  # the highest corner of the mark touches the map
                 corners = MARKS[name].reach * radius * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
                 heights = drape((spots[:, None] + corners).reshape(-1, 2), floor)[:, 2].reshape(-1, 4).max(axis=1)
             spots = np.column_stack([spots, heights + layer_height(Layer.MINIMUM, radius)])
@@ -261,16 +264,16 @@ def with_estimate(
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
-    A known microphone that is assumed to be elsewhere, by a solver that takes given positions as measurements or since
-    the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
-    a whole to the estimate, for its gauge is free, unless `truth` (N, D), metres, says where they are drawn.
+    A known microphone also has a cross if its estimate differs from the given position, since the solver corrects given
+    positions or the user has moved it. `truth` (N, D), metres, are the true positions as they are drawn; without it,
+    those of a blind array are aligned with the estimate.
 
-    `microphone`: the selected one; `pointed`: those that have a ring around them, and a name with their error.
+    `microphone`: the selected one; `pointed`: microphones with a ring around them and a name with their error.
     """
     truth = measurement.aligned_truth(positions) if truth is None else truth
     radius, base, known = picture.marker_radius, picture.z_range[0], measurement.known
     estimates, errors, away = np.asarray(positions, float), None, None
-    crossed = np.ones(len(estimates), bool)  # not the known ones whose square hides the cross
+    crossed = np.ones(len(estimates), bool)  # without the known ones whose square would hide the cross
     if len(known):
         crossed[known] = np.linalg.norm(estimates[known] - measurement.known_positions, axis=1) > radius
     if truth is not None:  # lines from each true position to its estimate, unless the marks hide them
@@ -297,11 +300,11 @@ def with_estimate(
     marks = np.concatenate([positions[:, :2], minima] if truth is None else [positions[:, :2], minima, truth[:, :2]])
 
     def named(n: int, words: str, name: str) -> Label:
-        """The name of a microphone, which hides as few of the marks as it can."""
+        """Return the name of a microphone where it hides the fewest marks."""
         text = f"microphone {measurement.names[n]}{words}"
         (x, y), anchor = name_place(text, positions[n, :2], np.delete(marks, n, axis=0), picture.focus, radius)
         z = float(on_layer(positions[[n]], base, radius, Layer.SELECTED)[0, 2])
-        return Label(name, text, (x, y, z), picture.theme.foreground, anchor)
+        return Label(name, text, (x, y, z), anchor)
 
     errors_of = {n: "" if away is None else f": {length_text(away[n], 2)} off" for n in pointed}
     if errors_of:
@@ -315,16 +318,16 @@ def with_estimate(
         circle = on_layer(truth[[microphone]], base, radius, Layer.SELECTED_TRUE)
         picture = picture.plus(*marked("selected/true", circle, radius))
     picture = picture.plus(*marked("selected/estimate", cross, radius))
-    if picture.z_range[1] > base:  # ties the microphone to the map below it
+    if picture.z_range[1] > base:  # a line connects the microphone with the map below it
         picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
     return picture.plus(named(microphone, errors_of.get(microphone, ""), "selected/name"))
 
 
-ERROR_PIECES = 40  # of an error line over a relief, on which it lies: straight, it would go through hills
+ERROR_PIECES = 40  # of an error line on a relief; a straight line would go through hills
 
 
 def row_word(measurement: Measurement) -> str:
-    """Return what a row of a measurement is called: a mode, or, of several takes, a row."""
+    """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
     return "row" if measurement.take_count > 1 else "mode"
 
 

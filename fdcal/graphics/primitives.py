@@ -1,7 +1,7 @@
-"""What a picture is made of: colours and their scale, lines, triangles, texts, a map on the floor, images in space.
+"""The parts of a picture: colours and their scale, lines, triangles, texts, a map on the floor, surfaces in space.
 
-Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays included, and independent of a renderer,
-which adds no light of its own.
+Lengths are metres, colours RGB from 0 to 255. Everything is frozen, also the arrays, and independent of a renderer; the
+colours contain the shading, and renderers add no light.
 """
 
 from __future__ import annotations
@@ -35,42 +35,22 @@ class Theme:
 
     @property
     def quiet(self) -> Colour:
-        """Of texts that give way to others of the same kind: between foreground and background, still legible."""
+        """A colour between foreground and background, for less important lines."""
         return mixed(self.foreground, self.background, 0.32)
 
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
 DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
-# For a projector: large, and with as much contrast as there is.
+# For a projector: large, and with the greatest contrast.
 LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(168, 172, 180), text=1.5, marks=1.4)
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
 
 
-THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether dark: usual, for a projector
-
-
-CONTRAST = 4.5  # minimum of a text and its halo, as WCAG 2 asks for
-
-
-def contrast(one: Colour, other: Colour) -> float:
-    """Return the contrast of two colours by WCAG 2, 1 to 21."""
-    dark, bright = sorted(np.dot(linear(colour), (0.2126, 0.7152, 0.0722)) for colour in (one, other))
-    return float((bright + 0.05) / (dark + 0.05))
-
-
-def linear(colour: Colour) -> np.ndarray:
-    """Return the linear light (3,), 0 to 1, of an sRGB colour."""
-    fraction = np.asarray(colour) / 255
-    return np.where(fraction <= 0.04045, fraction / 12.92, ((fraction + 0.055) / 1.055) ** 2.4)
-
-
-def halo_of(colour: Colour, theme: Theme) -> Colour:
-    """Return the colour around the letters of a text: the background's, or white where that has too little contrast."""
-    return theme.background if contrast(colour, theme.background) >= CONTRAST else (255, 255, 255)
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether it is dark: usual, for a projector
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:
-    """Return a colour as matplotlib and VTK take it: red, green and blue from 0 to 1."""
+    """Return a colour for matplotlib and VTK: red, green and blue from 0 to 1."""
     red, green, blue = colour
     return red / 255, green / 255, blue / 255
 
@@ -85,7 +65,7 @@ BAR_LENGTH = 44  # characters that fit along a colour bar
 class ColourBar:
     """The scale of a map."""
 
-    # low, high: values of the first and of the last colour, which lower and higher ones share
+    # low, high: values of the first and of the last colour; lower and higher values have the same colours
     low: float
     high: float
     label: str  # name and unit
@@ -103,7 +83,7 @@ class ColourBar:
 
 
 def format_number(value: float, digits: int) -> str:
-    """Return a number with so many significant digits, whole ones up to a million in full, others as "2·10⁷"."""
+    """Return a number with `digits` significant digits: whole numbers up to a million in full, others as "2·10⁷"."""
     if 10.0**digits <= abs(value) < 1e6:
         return f"{value:.0f}"
     mantissa, _, power = f"{value:z.{digits}g}".partition("e")
@@ -152,18 +132,17 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Label:
-    """A text at a point."""
+    """A text at a point, in the foreground colour of the picture's theme and outlined in its background colour."""
 
     name: str  # unique in a picture
     text: str
     position: tuple[float, float, float]  # (3,), metres
-    colour: Colour
-    anchor: Anchor = "center-center"  # the part of the text that lies at the point, as in "center-left"
-    lift: float = 0.0  # metres, from the point up to the text as it is seen from anywhere, also from the top
+    anchor: Anchor = "center-center"  # the part of the text that lies at the point, such as "center-left"
+    lift: float = 0.0  # metres by which the text is moved up in the image, in any view
 
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:
-    """Return texts in the order in which they take their place: names, names of axes, numbers, those of z last."""
+    """Return texts by priority: names, names of axes, numbers, those of z last. The first of two that overlap stays."""
 
     def rank(label: Label) -> tuple[bool, bool, int]:
         number = label.name.startswith("frame/")
@@ -174,7 +153,7 @@ def by_rank(labels: Iterable[Label]) -> list[Label]:
 
 @dataclass(frozen=True)
 class Area:
-    """What one colour of a map without a scale stands for."""
+    """The meaning of one colour of a map without a scale."""
 
     name: str  # unique in a picture
     text: str  # in the legend
@@ -197,15 +176,15 @@ class Floor:
     # origin, size: lowest corner and extent in x and y, metres
     origin: tuple[float, float]
     size: tuple[float, float]
-    bar: ColourBar | None  # ColourBar; None where the colours stand for areas
-    lowest: tuple[tuple[float, float], ...]  # where the cost is lowest, and the minima that fit as well, metres
+    bar: ColourBar | None  # None if the colours stand for areas
+    lowest: tuple[tuple[float, float], ...]  # positions of the lowest cost and of minima that fit as well, metres
     height: float = 0.0  # of the map, metres
-    minima: tuple[tuple[float, float], ...] = ()  # where the other local minima are, metres
+    minima: tuple[tuple[float, float], ...] = ()  # positions of the other local minima, metres
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
-    areas: tuple[Area, ...] = ()  # what the colours of a map without a bar stand for
+    areas: tuple[Area, ...] = ()  # the meaning of the colours of a map without a bar
     curves: tuple[Curve, ...] = ()  # on a flat map, three at most
-    captions: tuple[tuple[str, str], ...] = ()  # as of a Picture
+    captions: tuple[tuple[str, str], ...] = ()  # as of `Picture`
 
 
 @dataclass(frozen=True)
@@ -216,16 +195,16 @@ class Picture:
     focus: tuple[float, float, float, float]  # box (x0, y0, x1, y1), metres, that fills the image from the top
     bounds: tuple[float, float, float, float]  # box (x0, y0, x1, y1) of the room, metres
     marker_radius: float  # radius of a microphone's circle, metres
-    # lines, meshes, labels: of which each name is unique
+    # lines, meshes, labels: each name is unique
     lines: tuple[Lines, ...] = ()
     meshes: tuple[Mesh, ...] = ()
     labels: tuple[Label, ...] = ()
     floor: Floor | None = None  # the map, or None
     title: str = ""
-    # lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
+    # lowest and highest z, metres, which differ for an array in space; the map lies at the lowest
     z_range: tuple[float, float] = (0.0, 0.0)
     surfaces: tuple[Surface, ...] = ()  # in space
-    # pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
+    # pairs of the name of a part and its words in the legend, if they are not those of `fdcal.graphics.marks`
     captions: tuple[tuple[str, str], ...] = ()
 
     def plus(self, *parts: Lines | Mesh | Label) -> Picture:
@@ -244,5 +223,5 @@ class Picture:
 
     @property
     def areas(self) -> tuple[Area, ...]:
-        """What the colours of a map without a scale stand for."""
+        """The meaning of the colours of a map without a scale."""
         return () if self.floor is None else self.floor.areas

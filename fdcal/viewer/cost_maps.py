@@ -1,11 +1,10 @@
-"""Cost maps, computed on threads of their own; only one that belongs to what is on the screen is returned.
+"""Cost maps, computed on threads; only a map that belongs to the state on the screen is returned.
 
-A fast thread computes the map over the solver's own lattice, many times a second while the user drags a microphone; a
-slow one then computes the same map on a finer lattice once nothing changes, and stops as soon as another is requested.
+A fast thread computes a map over the solver's own lattice, many times a second while the user drags a microphone. When
+nothing changes, a slow thread computes the same map on a finer lattice, and stops as soon as another map is requested.
 
-A volume, the cost of one microphone in space, takes most of its time for the terms of the cost at its nodes
-(`fdcal.cost.maps`). They are kept until microphone, modes or positions change, so that another scale is drawn from
-what there is.
+The terms of the cost at the nodes (`fdcal.cost.maps`) take most of the time of a volume, the cost of one microphone in
+space. They are kept until microphone, modes or positions change, so that another scale does not compute them again.
 """
 
 from __future__ import annotations
@@ -57,18 +56,18 @@ class MapStyle:
 class CostMapRequest:
     """A map to be computed."""
 
-    revision: int  # counts the states on the screen, which have no cheap equality of their own
+    revision: int  # number of the state on the screen, in place of a slow comparison of states
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # counted from 1
     order_offset: int | None  # of the map of Eq. 7; None for what the solver minimises
     custom_modes: bool  # whether the user has chosen the modes; otherwise they are those in use
     style: MapStyle
-    follow: bool = field(compare=False)  # whether any microphone will do, as long as the solver has moved it lately
+    follow: bool = field(compare=False)  # whether a map of another microphone that the solver moved will do
     state: RunState = field(compare=False)  # of the solver
     lineage: object = field(compare=False)  # of the history that the state belongs to
 
-    def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
-        """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
+    def replaces(self, wanted: CostMapRequest, running: bool) -> bool:
+        """Return whether this map may be shown in place of `wanted`; while the solver runs, it may be an older one."""
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (
@@ -79,11 +78,11 @@ class CostMapRequest:
 
     @property
     def key(self) -> tuple:
-        """What the costs depend on, however they are drawn."""
+        """The values that determine the costs, but not how they are drawn."""
         return self.revision, self.microphone, self.modes, self.order_offset
 
     def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
-        """Whether `wanted` is this map with another position of one microphone."""
+        """Return whether `wanted` is this map with another position of one microphone."""
         if replace(self, revision=wanted.revision) != wanted:
             return False
         mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
@@ -91,7 +90,7 @@ class CostMapRequest:
 
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
-    """Return name and unit of what a map shows: what the method minimises, or another quantity, which is said."""
+    """Return name and unit of the quantity of a map: that which the method minimises, or Eq. 7."""
     traits = run.solver.TRAITS
     name = "cost of the method" if traits.moves_all else "cost, Eq. 7"
     if request.order_offset is not None:
@@ -103,13 +102,13 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     return f"{name} ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
-NAT = 1.0  # difference of log-likelihoods below which two places fit equally well
+NAT = 1.0  # difference of log-likelihoods below which two positions fit equally well
 
 
 def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest: float | None = None) -> Reals:
-    """Return the costs that a map shows: those of a log-likelihood, whose zero means nothing, above the lowest one.
+    """Return the costs that a map shows; a log-likelihood, whose zero is arbitrary, is shown above its lowest value.
 
-    `lowest`: that of `cost` unless given. A difference is NAT at least, so that a logarithm can show it.
+    `lowest` is by default that of `cost`. A difference is at least NAT, so that its logarithm is finite.
     """
     if request.order_offset is not None or not run.solver.TRAITS.uses_likelihood:
         return cost
@@ -117,13 +116,13 @@ def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest:
 
 
 def row_label(measurement: Measurement, mode: int) -> str:
-    """Return which row a map is of: "mode 38, 211.5 Hz", or, of several takes, "row 38, take 1, 211.5 Hz"."""
+    """Return the name of a row: "mode 38, 211.5 Hz", or with several takes "row 38, take 1, 211.5 Hz"."""
     take = f", take {measurement.takes[mode - 1]}" if measurement.take_count > 1 else ""
     return f"{row_word(measurement)} {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
 
 
 def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return how many rows are summed: "20 modes", or, of several takes, "20 rows of take 1", "40 rows of 2 takes"."""
+    """Return how many rows are summed: "20 modes", or with several takes "20 rows of take 1", "40 rows of 2 takes"."""
     count, takes = len(modes), np.unique(measurement.takes[np.asarray(modes) - 1])
     text = f"{count} {row_word(measurement)}{'s' if count > 1 else ''}"
     if measurement.take_count == 1:
@@ -132,7 +131,7 @@ def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
 
 
 def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return which modes a map is of, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
+    """Return the names of the modes of a map, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
     first, last, count = modes[0], modes[-1], len(modes)
     if measurement.take_count > 1:
         return count_label(measurement, modes) if count > 1 else f"row {first}, take {measurement.takes[first - 1]}"
@@ -210,7 +209,7 @@ class CostMap:
     volume: Volume | None = None  # over the floor, or None of a map on the floor alone
     note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
-    # costs of the method's own likelihood are shown in decibels above this one; None for those of Eq. 7
+    # the cost of a likelihood that is shown as 0 dB; None for Eq. 7
     base: float | None = None
 
     def text_of(self, cost: float) -> str:
@@ -231,7 +230,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     base = None if shown is total else lowest
     place = maps.map_positions([np.unravel_index(total.argmin(), total.shape)], search)[0]
     if base is not None and np.all(np.abs(place - request.state.positions[n][:2]) <= search.step):
-        # A likelihood is far narrower than the lattice: between its points an interpolated cost says nothing.
+        # The minimum of a likelihood is far narrower than the lattice, so that an interpolated cost is meaningless.
         here = lowest
     figures = minima, here, lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
@@ -250,7 +249,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
 
 
 def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
-    """Return the place whose basin matters most, and its name: the true position if known, or the estimate."""
+    """Return the position whose basin is highlighted, and its name: the true position if known, or the estimate."""
     positions = np.asarray(request.state.positions)
     truth = run.drawn_truth(positions)
     places, name = (positions, "estimate") if truth is None else (truth, f"{run.measurement.reference} position")
@@ -262,15 +261,16 @@ COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
 COARSE_PIXELS = 80  # of a layer, along its longer edge
 
 
-PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
-LOAD = 4  # times as long as a map takes: a running solver needs the processor, too
-FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
-DRAG_TIME = 1.0  # s at most that a map stays while a microphone is dragged and the next map is in progress
+# While the solver runs, it needs the processor, too:
+PAUSE = 0.15  # s, least time between two maps
+LOAD = 4  # least time between two maps, over the time that a map takes
+FOLLOW_TIME = 0.6  # s, least time for which the map of a microphone is shown while the page follows the solver
+DRAG_TIME = 1.0  # s, longest time for which an old map is shown while a microphone is dragged
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
 
 
 class CostMapWorker:
-    """Requests maps and returns the newest that fits; all on the caller's thread except `_compute`, `_compute_fine`."""
+    """Requests maps and returns the newest that fits; threads call only `_compute` and `_compute_fine`."""
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
@@ -281,10 +281,10 @@ class CostMapWorker:
         self._fine_worker = threads.job(self._compute_fine)
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
-        """Return the map to show, or None, and the error that keeps it from being computed, "" without one.
+        """Return the map to show, or None, and the error because of which it cannot be computed, or "".
 
-        `wanted`: what belongs to the state on the screen, which is requested unless it is in progress or the last one
-        has only just been finished; `running`: whether the solver runs; `now`: time, s.
+        `wanted`: the map of the state on the screen, which is requested unless it is in progress, or too early after
+        the last one; `running`: whether the solver runs; `now`: time, s.
         """
         latest, due = self.worker.latest, True
         if latest is not None and running:
@@ -292,16 +292,16 @@ class CostMapWorker:
             pause = max(PAUSE, LOAD * (latest.ended - latest.began))
             if wanted.follow and last.microphone != wanted.microphone:
                 pause = max(pause, FOLLOW_TIME)
-            due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one
+            due = now - latest.ended > pause or not last.replaces(wanted, running)  # the user wants another one
             alike = (last.style.kind == "shape") == (wanted.style.kind == "shape") and last.style != wanted.style
-            if alike and replace(last, style=wanted.style).stands_for(wanted, True):
+            if alike and replace(last, style=wanted.style).replaces(wanted, True):
                 wanted = replace(last, style=wanted.style)  # drawn again from the same costs
         if not self.worker.wants(wanted) and due and not (running and self.worker.busy):
             self._since = now
             self.worker.newest(wanted)
         drawn = latest is not None and latest.request[0] == wanted
         idle = not running and now - self._since > IDLE_TIME
-        # a finer surface of a relief would take seconds to send
+        # the finer surface of a relief would take seconds to send
         if drawn and idle and wanted.style.kind not in ("shape", "relief") and self.worker.wants(wanted):
             self._fine_worker.newest(wanted)
         fine, latest = self._fine_worker.latest, self.worker.latest
@@ -312,7 +312,7 @@ class CostMapWorker:
         last = latest.request[0]
         recent = now - max(latest.ended, self._since) < DRAG_TIME
         dragged = not running and recent and last.differs_by_a_drag(wanted)
-        if dragged or last.stands_for(wanted, running):
+        if dragged or last.replaces(wanted, running):
             return latest.result, error_message(latest.cause)
         return None, ""
 
@@ -326,7 +326,7 @@ class CostMapWorker:
     ) -> CostMap | None:
         """Return the volume on a fine or a coarse lattice, with the layer of the estimate; None once cancelled.
 
-        In place of a coarse one it is the fine one where that is there already.
+        If the fine one is already known, it is returned in place of the coarse one.
         """
         key, style, position = request.key, request.style, request.state.positions[request.microphone]
         pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
@@ -363,13 +363,13 @@ class CostMapWorker:
         return CostMap(request, floor, sampled.minima, here, lowest, fine, volume, note, sampled)
 
     def _compute(self, request: CostMapRequest) -> CostMap | None:
-        """On the fast thread: a map over the solver's lattice, or a coarse volume."""
+        """Return a map over the solver's lattice, or a coarse volume; on the fast thread."""
         if request.style.volume:
             return self._volume(request, False)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         search = run.problem.search
         if search is None:
-            raise ValueError("a map needs a search domain")  # the page requests none without
+            raise ValueError("a map needs a search domain")  # without one the page requests no map
         if request.style.kind == "shape":
             state, shown = request.state, modes if len(modes) <= MAX_WAVES else modes[-1:]
             names = [(mode, row_label(run.measurement, mode)) for mode in shown]
@@ -387,7 +387,7 @@ class CostMapWorker:
         return cost_map(run, request, total, search, minima)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
-        """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
+        """Return the finer map, mode by mode; None as soon as another one is requested; on the slow thread."""
         cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
             return self._volume(request, True, cancelled)

@@ -1,16 +1,16 @@
 """Microphones that a user selects or drags over their map; one that is released rolls downhill.
 
-An invisible disc, the handle, lies over every estimated position. viser reports which handle the pointer has taken and
-where the pointer is, on a plane that faces the camera. `MicrophonePicker` turns this into a position at the height of
-the microphone. The handles are discs because a busy page sometimes reports NaN for the pointer on a solid.
+An invisible disc, the handle, lies over every estimated position. viser reports the handle that is dragged and the
+position of the pointer on a plane that faces the camera, from which `MicrophonePicker` computes a position at the height
+of the microphone. The handles are discs because a busy page sometimes reports NaN for the pointer on a solid.
 
 While a microphone is dragged, the session does not change. The scene shows the microphone at the pointer, the cost
 there and the path downhill, which a thread computes. When the microphone is released, it rolls along the path into the
 local minimum, and the session gets one new state at the end. If the map shows no cost, the microphone follows the
 pointer in the session.
 
-MicrophonePicker   handles of the microphones
-Drop               what is dragged or rolls
+MicrophonePicker   the handles of the microphones
+Drop               the microphone that is dragged or rolls
 """
 
 from __future__ import annotations
@@ -40,22 +40,23 @@ from .html import NO_BUTTONS, Overlay
 from .scheduler import Memo
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
-FIXED = 0.9  # size of the handles of microphones that cannot be dragged, of the others: a finger rather takes those
-BALL = 1.6  # size of the handle of the ball, likewise: it is what a pointer looks for
-SPECK = 1e-3  # size of what stands in the corners of the search domain, and of what is not there, likewise
-HANDLE_HEIGHT = 14 / 24  # of its middle over the floor, in radii of a marker
+# Sizes of handles relative to HANDLE_RADIUS:
+FIXED = 0.9  # of microphones that cannot be dragged, so that a finger rather meets one that can
+BALL = 1.6  # of the ball, which users drag most
+SPECK = 1e-3  # of handles that nobody can meet: those in the corners of the search domain, and all at the beginning
+HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
 
 
-Move = Callable[[int, np.ndarray, int, bool], None]  # microphone, place, number of the gesture, whether it was let go
+Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ended
 
 
 class MicrophonePicker:
-    """Owns the handles. With Shift a microphone stays where it is let go.
+    """Owns the handles. With Shift a microphone stays where it is released.
 
-    `binding`: of the session; `picture`: as drawn, for the extent of the search domain
-    and the size of the markers; `select`: called with the number of the microphone that was clicked; `move`: called
-    with the number of one that is dragged, its place, metres, the number of the gesture, and whether it was let go;
-    `place`: likewise, with Shift; `name`: of the handles' node, a new one for each instance. `handles`: in the scene.
+    `picture` determines the extent of the search domain and the size of the markers. `select` is called with the number
+    of a microphone that was clicked; `move` with the number of one that is dragged, its place, metres, the number of
+    the gesture, and whether it was released; `place` likewise, if Shift is pressed. `name` is that of the node of the
+    handles, a new one for each instance.
     """
 
     def __init__(
@@ -72,14 +73,14 @@ class MicrophonePicker:
         self._count, self._marker = binding.measurement.count, picture.marker_radius
         self._movable = ~np.isin(np.arange(self._count), binding.run.problem.known)  # a known microphone stays
         self._gestures = itertools.count()
-        self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
-        self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # of each of them: the last move
+        self._gesture: dict[int, int] = {}  # number of the gesture of each page on which a microphone is dragged
+        self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # the last move of each of these pages
         x0, y0, x1, y1 = picture.focus
         edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
         z0, z1 = picture.z_range
         self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
-        # The browser looks for handles only inside the box that they all spanned at first: specks in the corners of the
-        # search domain span it.
+        # The browser looks for handles only inside the box that they spanned at first. Handles in the corners of the
+        # search domain make this box large enough.
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
         self._shown, self._sizes = np.concatenate([np.tile(corners[0], (self._count, 1)), corners]), np.zeros(0)
         vertices, faces = annuli(np.zeros((1, 3)), HANDLE_RADIUS * self._marker / 2, HANDLE_RADIUS * self._marker, 12)
@@ -101,7 +102,7 @@ class MicrophonePicker:
         handles.on_drag("left", modifier="shift")(partial(drag, place))
 
     def _drag(self, event, move: Move) -> None:
-        """Move a microphone to where the line of sight meets its height inside the search domain."""
+        """Move a microphone to the point of the line of sight at its height, within the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
         index, gesture = event.instance_index, self._gesture.get(event.client_id)
@@ -118,7 +119,7 @@ class MicrophonePicker:
             self.forget(event.client_id)
 
     def forget(self, client_id: int) -> None:
-        """Let go what a page drags, at its last place: it has let go, perhaps beside the map, or has closed."""
+        """Release the microphone that a page drags at its last place: its pointer was released, or the page closed."""
         gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
         if gesture is not None and last is not None:
             move, index, place = last
@@ -127,8 +128,8 @@ class MicrophonePicker:
     def show(self, positions, floor: Floor | None, ball: int | None = None) -> None:
         """Move the handles to the estimated positions; called by the main loop.
 
-        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None; `ball`: the
-        one that is drawn as a ball, or None.
+        `positions` (N, D) float64, metres; `floor`: the map, or None; `ball`: the microphone that is drawn as a ball,
+        or None.
         """
         places, sizes = self._shown.copy(), np.full(len(self._shown), SPECK)
         points = drape(positions, floor, self._marker)
@@ -157,14 +158,14 @@ def plane_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray 
     return place[:2] if level < eye[2] and np.isfinite(place).all() else None
 
 
-ROLL_TIME = 1.4  # s from where the microphone is let go to its minimum
-PATIENCE = 4.0  # s that a microphone waits for its path; after that it stays where it was let go
+ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
+PATIENCE = 4.0  # s that it waits for its path; after that it stays where it was released
 CONTINUE = "Continue from here"
 
 
 @dataclass(frozen=True)
 class Drag:
-    """A microphone that somebody drags, or has let go."""
+    """A microphone that is dragged or was released."""
 
     microphone: int
     place: tuple[float, ...]  # (D,), metres
@@ -174,20 +175,20 @@ class Drag:
 
 @dataclass(frozen=True)
 class Descent:
-    """How a dragged microphone rolls down its map."""
+    """The way of a dragged microphone down its map."""
 
     path: DescentPath
     drawn: CostMap
-    home: bool | None = None  # whether the path ends in the basin of the true position; None where that is unknown
-    distance: float = math.nan  # from its end to the true position, metres; NaN likewise
+    home: bool | None = None  # whether the path ends in the basin of the true position; None if that is unknown
+    distance: float = math.nan  # from its end to the true position, metres; NaN if that is unknown
 
     def cost_text(self, index: int) -> str:
-        """The cost at a point of the path, as a text."""
+        """Return the cost at a point of the path, as a text."""
         return self.drawn.text_of(float(self.path.costs[index]))
 
     @property
     def text(self) -> str:
-        """Where it has come to rest, in words."""
+        """Where the path ends, in words."""
         edge = "at the edge of the map" if self.path.basin == OUTSIDE else ""
         if self.home is None:
             return f"{edge or 'rest'}, cost {self.cost_text(-1)}"
@@ -197,7 +198,7 @@ class Descent:
 
 @dataclass(frozen=True, eq=False)
 class MovingMicrophone:
-    """What the scene shows of a microphone that is dragged or rolls."""
+    """A microphone in the scene that is dragged or moves by itself."""
 
     microphone: int
     place: tuple[float, ...]  # (D,), metres
@@ -206,9 +207,9 @@ class MovingMicrophone:
 
 
 class Drop:
-    """Owns the drag, the thread of the paths, and the counts of tries and of those that ended at home.
+    """Owns the drag, the thread of the paths, and the numbers of tries and of those that reached the true position.
 
-    `overlay`: for words on the canvas; `tabs`: of the session, once they are made.
+    `overlay` shows words on the canvas; `tabs` are those of the session and are set later.
     """
 
     def __init__(self, binding: Binding, overlay: Overlay):
@@ -216,17 +217,17 @@ class Drop:
         self.tabs: Any = None  # Tabs
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
-        self._asked: tuple[Drag, CostMap] | None = None
-        self._gesture = -1  # whose times follow
-        self._released = self._rolls = math.nan  # when the microphone was let go, and began to roll, s
-        self._placed: tuple[SessionView, float] | None = None  # when the session was sent the end: its view, and s
-        self._count = 0  # states of the history at the last tick
-        self._cost = Memo()  # of the map; of the thread alone
+        self._requested: tuple[Drag, CostMap] | None = None
+        self._gesture = -1  # to which the following times belong
+        self._released = self._rolls = math.nan  # time at which the microphone was released, and began to roll, s
+        self._placed: tuple[SessionView, float] | None = None  # view and time, s, at which the session got the end
+        self._count = 0  # number of states at the last tick
+        self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
-        """Drag a microphone to a place, (2,) or (3,), metres, or let it go there; on viser's event loop."""
+        """Drag a microphone to a place, (2,) or (3,), metres, or release it there; on viser's event loop."""
         binding = self._binding
         current = self._drag if self._drag is not None and self._drag.gesture == gesture else None
         if current is None and not self._droppable:
@@ -238,12 +239,12 @@ class Drop:
                 self.tabs.map.pick(microphone)
         at = tuple(float(x) for x in place)
         here = binding.positions[microphone] if current is None else current.place
-        at += tuple(float(x) for x in here[len(at) :])  # the height, where the pointer gives none
+        at += tuple(float(x) for x in here[len(at) :])  # the height stays if the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
 
     def place(self, microphone: int, place, gesture: int, released: bool) -> None:
-        """Move a microphone in the session at once; what was dragged or rolls stays where the session has it."""
+        """Move a microphone in the session at once, and end a drag in progress."""
         self._drag = None
         self._binding.place(microphone, place, gesture)
 
@@ -254,22 +255,22 @@ class Drop:
         free = binding.choices.microphone not in binding.measurement.known
         return free and self._droppable and self._drag is None and view.count == 1 and not view.running
 
-    # Below: the main loop.
+    # The main loop calls the methods below.
 
     def tick(self, view: SessionView, drawn: CostMap | None, now: float) -> MovingMicrophone | None:
-        """Return what the scene shows of the microphone at the time `now`, s; None where nothing is dragged."""
+        """Return the microphone that is dragged or rolls, at the time `now`, s; None if there is none."""
         self._droppable = drawn is not None and drawn.request.style.kind != "shape"
         if view.count == 1 and self._count > 1:
             self.tries = self.home = 0
             self._say("")
         elif view.running and self.tries:
-            self._say("")  # the counts remain
+            self._say("")  # removes the words, but not the counts
         self._count, drag = view.count, self._drag
         if drag is None:
             return None
         if drawn is not None and self._droppable and drawn.request.microphone == drag.microphone:
-            if self._asked is None or self._asked[0] is not drag:
-                self._asked = drag, drawn
+            if self._requested is None or self._requested[0] is not drag:
+                self._requested = drag, drawn
                 self.worker.request(drag, drawn)
         if drag.gesture != self._gesture:
             self._gesture, self._placed = drag.gesture, None
@@ -277,7 +278,7 @@ class Drop:
         latest = self.worker.latest
         of_drag = latest is not None and latest.request[0].gesture == drag.gesture
         descent: Descent | None = latest.result if latest is not None and of_drag else None
-        if drag.released:  # it rolls along the path that begins where it was let go
+        if drag.released:  # it rolls along the path that begins where it was released
             final = latest is not None and latest.request[0] is drag
             return self._rolling(view, drag, descent if final else None, now)
         text = "" if descent is None else descent.cost_text(0)
@@ -285,7 +286,7 @@ class Drop:
         return MovingMicrophone(drag.microphone, drag.place, text, None if descent is None else descent.path.points)
 
     def _rolling(self, view: SessionView, drag: Drag, descent: Descent | None, now: float) -> MovingMicrophone:
-        """Return what is shown of a microphone that was let go; end the drag when it has come to rest."""
+        """Return a microphone that was released as it is shown; end the drag when it has come to rest."""
         if math.isnan(self._released):
             self._released = now
         if descent is None:
@@ -313,7 +314,7 @@ class Drop:
         return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
     def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
-        """Tell the session once where the microphone has come to rest, and return whether this was the time.
+        """Move the microphone in the session to where it has come to rest; return whether this was the first call.
 
         The drag ends with the next view of the session, unless another one has begun.
         """
@@ -331,21 +332,19 @@ class Drop:
         self._overlay.say(words, counts, buttons)
 
     def close(self) -> None:
-        """Take the words away."""
+        """Remove the words."""
         self.tries = 0
         self._say("")
 
-    # Below: the thread.
-
     def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
-        """Return how a microphone rolls down from its place, by the cost that a map shows."""
+        """Return the way of a microphone downhill from its place, on the thread, by the cost of the map."""
         run, request = self._binding.run, drawn.request
 
         def on_lattice() -> tuple:
             if drawn.sampled is not None:
                 return drawn.sampled.cost, drawn.sampled.search, basins_of(drawn.sampled.cost)
             n, modes, order = request.microphone, request.modes, request.order_offset
-            search = lattice_of(run.problem, modes)  # that has the minima marked on it
+            search = lattice_of(run.problem, modes)  # on which the minima of the map were found
             cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
             return cost, search, basins_of(cost)
 
@@ -356,5 +355,5 @@ class Drop:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
-        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at its height in a layer
+        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # a layer must have its height
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))

@@ -1,10 +1,10 @@
-"""What the page says, as HTML: status lines, the verdict, remarks, error messages, and the regions on the canvas.
+"""The texts of the page as HTML: status lines, the verdict, remarks, error messages, and the regions on the canvas.
 
-All texts of a file or a solver are escaped.
+All texts from files and solvers are escaped.
 
-`server/page.js` draws the regions in each browser. Their HTML travels in controls that nobody sees. An element with
-`data-do` sends its value as a command: `<button data-do="play">` sends "play", `<input type="range" data-do="modes">`
-"modes=12". A region that only changes in part keeps the elements that stay, so that a slider can be dragged meanwhile.
+`server/page.js` draws the regions in each browser. Their HTML is sent in invisible controls. An element with `data-do`
+sends its value as a command: `<button data-do="play">` sends "play", `<input type="range" data-do="modes">` sends
+"modes=12". If a region changes in part, the other elements stay, so that a slider can be dragged meanwhile.
 """
 
 import logging
@@ -38,7 +38,7 @@ NO_DOMAIN = (
     " search_size, search_step and radius (metres) to the file of the measurement."
 )
 
-# How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
+# Names of the page for the arguments in the remedy of an error (`InputError.worded`).
 CONTROLS = {
     "array_radius": "the array radius of `fdcal import`",
     "kind": 'the list "Kind of a recording" below the scenes',
@@ -54,10 +54,9 @@ CONTROLS = {
 
 
 def error_message(error: Exception | None) -> str:
-    """Return an exception as one line for the reader of the page.
+    """Return an exception as a line of plain text, which is not escaped; "" for None.
 
-    `error`: an InputError or OSError says itself what is wrong; any other exception is a fault of the program, for
-    which the line says where the log is. None gives "". Returns plain text, not escaped.
+    An exception other than InputError and OSError is a fault of the program, and the line names the log.
     """
     if error is None:
         return ""
@@ -95,19 +94,18 @@ def status(
 ) -> str:
     """Return the lines at the top of the main panel.
 
-    `measurement`: with the true positions where they are known; `fault`: an exception of the page itself, as text;
-    `note`: on work in the background; `sought`: numbers of the microphones whose errors count, all unless given;
-    `found`: the assessment of the state, or None; `left_out`: names of microphones with faulty channels, which
-    are not among them. Returns HTML.
+    `fault` is an exception of the page itself, as text; `note` describes work in the background; `sought` are the
+    numbers of the microphones whose errors are averaged, by default all; `found` is the assessment of the state, or
+    None; `left_out` are the names of microphones that are not averaged because their channels are faulty.
     """
     state, errors = view.state, measurement.errors(view.state.best_positions, sought)
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
-    if left_out:  # in the place of the other word: a line more would move the buttons as the verdict comes
+    if left_out:  # this word replaces the other one, since another line would move the buttons
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
-    kept = state.best_positions is not state.positions  # the run tries another start
+    kept = state.best_positions is not state.positions  # while the run tries another start
     rows = {
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
         "In use": escape(modes_words(measurement, state.first, state.last)),
@@ -136,12 +134,12 @@ def status(
     )
 
 
-# On a light page and on a dark one: all is good; good but for faulty channels; not good.
+# Colours of the verdict on a light and on a dark page: good; good except for faulty channels; not good.
 GOOD, FAULTY, DOUBTFUL = (
     "light-dark(#1a7f37, #4cc26b)", "light-dark(#0b6aa8, #58b4f0)", "light-dark(#c2410c, #fb923c)"
 )  # fmt: skip
-LINE_LENGTH = 50  # characters of the words that fit into a line at least
-MAX_LINES = 2  # of the words that are shown before a click shows all of them; one more where channels are faulty
+LINE_LENGTH = 50  # least number of characters in a line
+MAX_LINES = 2  # of the text before a click shows all of it; one more if channels are faulty
 GREY, PENDING = "#808894", "Assessing the result ..."
 VERDICT_LINE = 1.35  # height of a line of the verdict, em
 VERDICT_STYLE = (
@@ -154,10 +152,10 @@ VERDICT_STYLE = (
 
 
 def verdict_html(found: Assessment | None, pending: bool = False) -> str:
-    """Return the code, the words, which name one sigma and faulty channels, and the leave-one-out error.
+    """Return the verdict with its text and the leave-one-out error; "" without a verdict that is found or `pending`.
 
-    Long words are cut, faulty channels take the line of the figures, and a verdict that is `pending` has its room
-    already, so that no button moves away below a pointer; a click shows all. "" where there is neither.
+    The height is always the same, so that buttons do not move: a long text is cut, and faulty channels replace the
+    leave-one-out error. A click shows everything.
     """
     card = f"<div style='{CARD} font-size: var(--note); line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
     height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 1):.2f}em"
@@ -193,7 +191,7 @@ def drawings_html(marks: dict[str, str]) -> str:
     )
 
 
-# What Explore calls what a map shows, and its modes.
+# Words of Explore for those of Expert.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison", "cost of the method": "misfit",
     "negative log-likelihood above its lowest (dB re 1 nat)": "misfit above its lowest (dB)",
@@ -202,11 +200,11 @@ EXPLORE = {
 
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
-    """Return what stands on the canvas: how to read the map, its colour bar, if there is one, and the marks drawn."""
+    """Return the legend on the canvas: how to read the map, its colour bar, if it has one, and the marks drawn."""
     words = re.compile("|".join(map(re.escape, EXPLORE)))
 
     def of_both_faces(text: str) -> str:
-        """Return a text as Expert has it, and as Explore has it where that differs."""
+        """Return a text in the words of Expert and, if they differ, in those of Explore."""
         kept, plain = (
             re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
             for one in (text, words.sub(lambda found: EXPLORE[found[0]], text))

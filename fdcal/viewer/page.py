@@ -1,9 +1,9 @@
-"""The page and its main loop. It stays while one session replaces another.
+"""The page and its main loop, which last while sessions replace each other.
 
-`Page.open(request)` is the one entry point that shows something else: the panels, a lesson and a session file use it.
-The present session stays and keeps running until the next one is ready (`SessionSwitcher`). If the next one cannot be
-opened, the status bar says why in one line. Otherwise its controls replace the old ones in the panels
-(`panels.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
+`Page.open(request)` shows another session; the panels, lessons and session files call it. The present session keeps
+running until the next one is ready (`SessionSwitcher`). If that cannot be opened, the status bar gives the reason in
+one line. Otherwise its controls replace the old ones in the panels (`panels.SessionFolders`). Browsers stay connected,
+and the chosen tabs stay chosen.
 """
 
 import collections
@@ -33,12 +33,12 @@ from .tabs.lessons import LessonsTab
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
 COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
-RATE = 25.0  # looks per second at whether anything has changed, and updates of the screen then
-IDLE_RATE = 5.0  # likewise, once nothing has changed for a while; what users and the solver do ends the waiting
-MAX_RATE = 50.0  # updates per second while the user waits for something
-SETTLING = 5.0  # s for which the screen is updated after the last change, longer than any delayed update
-CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
-RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
+RATE = 25.0  # checks for changes, and updates of the screen, per second
+IDLE_RATE = 5.0  # the same after some time without a change; users and the solver wake the loop at once
+MAX_RATE = 50.0  # updates per second while the loop is woken
+SETTLING = 5.0  # s of updates after the last change, longer than the delay of any update
+CANVAS_INTERVAL = 1.0  # s between two checks of the sizes of all canvases
+RELEASE_DELAY = 1.5  # s from the end of a session, within which its threads end, until its memory is released
 
 log = logging.getLogger(__name__)
 
@@ -46,9 +46,9 @@ log = logging.getLogger(__name__)
 class Page:
     """Owns the panels, the scene, and the session that is shown.
 
-    `lessons`: offered in this order; `on_progress`: called with the progress of the first session in words, and with ""
-    when it is ready or refused; `takes_files`: whether it opens files of its users, because no other machine can reach
-    it. `viewer`: Viewer of the session that is shown, or None.
+    `lessons` are listed in this order. `on_progress` is called with the progress of the first session in words, and
+    with "" when it is ready or refused. `takes_files`: whether users may upload files, which requires that no other
+    machine can reach the page. `viewer` belongs to the session that is shown, or is None.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Page:
         self.own_files = OwnFiles(server, self.open, self.wake.set) if takes_files else None
         self.explore = Explore(self, self.lessons, self.own_files)
         self.address, self._dark = AddressBar(self, self.lessons), False
-        self._first: viser.ClientHandle | None = None  # the browser whose preference the page follows
+        self._first: viser.ClientHandle | None = None  # the browser that determines whether the page is dark
         self.panels.overlay.otherwise = self.carry_out
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
         self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
@@ -82,7 +82,7 @@ class Page:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
-            # viser drops what a browser sends before its camera; from now on commands of this browser arrive.
+            # viser drops messages that a browser sends before its camera; from now on its commands arrive.
             client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
 
             @client.camera.on_update
@@ -98,11 +98,11 @@ class Page:
                 self.viewer.picker.forget(client.client_id)
 
     def open(self, request: OpenRequest) -> None:
-        """Show something else as soon as it is ready. Any thread; the last request counts."""
+        """Show another session as soon as it is ready; any thread may call this, and the last request is executed."""
         self.switcher.open(request)
 
     def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
-        """Carry out a command of the session (`Binding.commands`), if it has it; on viser's event loop."""
+        """Execute a command of the session (`Binding.commands`), if it exists; on viser's event loop."""
         if self.viewer is not None and command in self.viewer.binding.commands:
             self.viewer.binding.carry_out(client, command, value)
 
@@ -120,11 +120,11 @@ class Page:
             self.viewer.tabs.view.darken(dark, preferred=True)
 
     def run(self, interrupt: Interrupt) -> None:
-        """Bring the screen up to date until interrupted; do nothing while nothing changes.
+        """Update the screen until interrupted, and do nothing while nothing changes.
 
-        Raises InputError, StorageError: the first request cannot be shown.
+        InputError or StorageError if the first request cannot be shown.
         """
-        idle_from, next_look = math.inf, 0.0
+        idle_from, next_check = math.inf, 0.0
         while not interrupt.received:
             now = time.perf_counter()
             if self.changed:
@@ -133,22 +133,22 @@ class Page:
                 self.tick(now)
             elif now - self._checked > CANVAS_INTERVAL:
                 self._follow_canvases(now)
-            next_look = max(next_look + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
-            if self.wake.wait(next_look - time.perf_counter()):
-                next_look = now + 1 / MAX_RATE
-                time.sleep(max(next_look - time.perf_counter(), 0.0))
+            next_check = max(next_check + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
+            if self.wake.wait(next_check - time.perf_counter()):
+                next_check = now + 1 / MAX_RATE
+                time.sleep(max(next_check - time.perf_counter(), 0.0))
 
     @property
     def changed(self) -> bool:
-        """Whether the screen may be out of date, or shows something that moves."""
+        """Whether the screen may be outdated, or shows something that moves."""
         woken = self.wake.is_set()
-        if woken:  # clearing it unconditionally could lose a wake-up that arrives in between
+        if woken:  # an unconditional `clear` could lose a wake-up that arrives in between
             self.wake.clear()
         viewer, cameras = self.viewer, self.nodes.cameras
         return woken or viewer is None or viewer.changing or not self.switcher.idle or cameras.waiting
 
     def tick(self, now: float) -> None:
-        """Bring the screen up to date once, at the time `now`, s."""
+        """Update the screen once, at the time `now`, s."""
         prepared = self.switcher.poll()
         first = self.viewer is None
         self.nodes.settle(now)
@@ -161,14 +161,14 @@ class Page:
         if first:
             self._report_progress()
         if self.viewer is not None:
-            self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # which stands above then
+            self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # else the status bar is shown
             self.nodes.cameras.lecture = self.viewer.binding.choices.lecture
             self.nodes.cameras.caption = self.lessons.progress.lesson is not None
             self.viewer.guarded_tick(now)
         elif self.nodes.is_empty and (current := self.switcher.current) is not None:
             if current.measurement is not None:
                 self.nodes.show_room(current.request, current.measurement)
-                self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
+                self.nodes.cameras.request_all("top")  # for browsers that connected before there was a picture
         call = self._server.get_event_loop().call_soon_threadsafe
         self._guarded("lessons", lambda: self.lessons.show(call))
         self._guarded("address", lambda: self.address.tick(call))
@@ -182,7 +182,7 @@ class Page:
             release_memory(self._server)
 
     def _follow_canvases(self, now: float) -> None:
-        """Look at the sizes of the canvases, which change without notice."""
+        """Check the sizes of the canvases, which change without notice."""
         self._checked = now
         self.nodes.cameras.follow_all(self._server.get_clients().values())
 

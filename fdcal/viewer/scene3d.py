@@ -1,13 +1,12 @@
-"""The scene: its nodes and texts, of which only what has changed is sent, and the camera of each page.
+"""The scene: its nodes and texts, of which only changes are sent, and the camera of each page.
 
-A camera is placed so that the picture fills what the panels leave free, and kept there. viser replaces all that it
-knows of a page's camera whenever the page reports it, even between two of our own commands. A value that equals the
-last command is not sent, although another command may have been sent before it, so now and then a page ends up with a
-new position and an old direction. A camera therefore counts as placed only once the page reports the camera that was
-commanded.
+A camera is placed so that the picture fills the space that the panels leave, and kept there. viser replaces its copy of
+a page's camera whenever the page reports it, even between two of our own commands. It does not send a value that equals
+the last command, although another command may have been sent before it, so that sometimes a page has a new position and
+an old direction. A camera therefore counts as placed only when the page has reported the camera that was commanded.
 
-viser draws a text in black on a white box, and the numbers of a ruler as large as the room makes them. `server/page.js`
-draws them in the type of the page, outlined, and leaves out those that would cover one that comes before.
+viser draws a text in black on a white box, in a size that depends on the room. `server/page.js` draws it in the font of
+the page, outlined, and leaves out texts that would overlap one of higher priority.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from ..acoustics.measure import load_cached_measurement
 from ..graphics.camera import Camera, camera_for
 from ..graphics.heatmap import relief_grid
 from ..graphics.picture import static_picture
-from ..graphics.primitives import Floor, Label, Lines, Mesh, Picture, Surface, Theme, by_rank, halo_of
+from ..graphics.primitives import Floor, Label, Lines, Mesh, Picture, Surface, Theme, by_rank
 from ..model.measurement import Measurement
 from ..model.scene import MeasuredScene
 from ..session.sources import OpenRequest, as_given
@@ -41,39 +40,39 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-3  # relative, of camera positions that count as equal
 AIM_TOLERANCE = 4e-6  # of its distance: how far from its target a page's camera may aim
-DEPTH_RANGE = 40.0  # times nearer and farther than what is looked at: nothing is drawn beyond
+DEPTH_RANGE = 40.0  # distance of the target over that of the nearest, and of the farthest over it, that is drawn
 MAX_PIXELS = 16384  # of a canvas
 ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 
 @dataclass
 class PageCamera:
-    """What is known of one page's camera."""
+    """The state of one page's camera."""
 
     expert: bool = False  # whether the page shows the panels
-    view: str = "top"  # that was commanded last, as in graphics.camera.VIEWS; "" of a camera of its own
-    fitted: tuple = ()  # what the picture left room for at that time
-    camera: Camera | None = None  # that was commanded, or None
-    positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
-    looks: int = 0  # since its camera was placed
+    view: str = "top"  # the last view that was commanded, one of graphics.camera.VIEWS; "" for a `Camera`
+    fitted: tuple = ()  # the result of `Cameras._fitted` at that time
+    camera: Camera | None = None  # the camera that was commanded, or None
+    positions: tuple[tuple[float, float, float], ...] = ()  # its last positions, metres
+    checks: int = 0  # number of checks of the page since its camera was placed
 
 
 def canvas(camera) -> tuple[int, int]:
-    """Width and height of a canvas, pixels, as the page reports them; bounded, because a page can send any number."""
+    """Return width and height of a canvas, pixels, as the page reports them, within bounds."""
     width, height = camera.image_width, camera.image_height
     return bounded(width, 1, MAX_PIXELS, ASSUMED_SIZE), bounded(height, 1, MAX_PIXELS, ASSUMED_SIZE)
 
 
 def planes(wanted: Camera) -> tuple[float, float]:
-    """Distances from the eye, metres, between which things are drawn."""
+    """Return the distances from the eye, metres, between which objects are drawn."""
     distance = math.dist(wanted.position, wanted.look_at)
     return distance / DEPTH_RANGE, distance * DEPTH_RANGE
 
 
 def is_at(camera, wanted: Camera) -> bool:
-    """Whether a page's camera is the one that was commanded: position, direction, field of view, clipping planes.
+    """Return whether a page's camera is the one that was commanded: position, direction, field of view, planes.
 
-    The direction counts to AIM_TOLERANCE: from the top, the hair's breadth from straight down decides which way is up.
+    The direction must agree to AIM_TOLERANCE: from the top, a tiny angle from straight down decides which way is up.
     """
     off = np.subtract(camera.look_at, camera.position) - np.subtract(wanted.look_at, wanted.position)
     aimed = np.abs(off[:2]).max() <= AIM_TOLERANCE * math.dist(wanted.position, wanted.look_at)
@@ -85,31 +84,31 @@ def is_at(camera, wanted: Camera) -> bool:
 
 log = logging.getLogger(__name__)
 
-TOP_FOV = 0.02  # rad, of the top view: from so far away that a relief lies on its axes, as on a plan
-CHECKS = (1, 2, 4, 8, 16)  # looks after a placement at which the page is made to report the size of its canvas again
-VISER_START = (3.0, 3.0, 3.0)  # metres, of viser's own camera, before a page has learnt where it starts
+TOP_FOV = 0.02  # rad, of the top view, which is so far away that a relief is drawn over its axes, as on a plan
+CHECKS = (1, 2, 4, 8, 16)  # numbers of the checks at which the page is made to report the size of its canvas again
+VISER_START = (3.0, 3.0, 3.0)  # metres, position of viser's own camera, before a page gets ours
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
 MARGINS = (76, 234, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
-LECTURE_MARGINS = (110, 350, 60, 50)  # likewise, in larger type
+LECTURE_MARGINS = (110, 350, 60, 50)  # the same in larger type
 CAPTION, LECTURE_CAPTION = 350, 486  # pixels, of the width of a caption
 WIDE = 900  # pixels, of a canvas that has a caption at its right
-# Of a canvas with so many pixels and so much wider than high, whose legend stands beside the map; as in page.js.
+# Least width, pixels, and ratio of width to height of a canvas whose legend is beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
 BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
-PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # of the height of its canvas, which a panel or a caption covers
-PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top there
-# Likewise beside the panel: of the height of the legend above it and of the rulers, and of the buttons at the top.
+PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # fraction of the height of its canvas that a panel or a caption covers
+PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top on a telephone
+# Height, pixels, of legend and rulers above a panel, and of the buttons at the top.
 PHONE_LEGEND, PHONE_BUTTONS = 168, 56
 
 
 class Cameras:
-    """Owns the last commands to the pages' cameras.
+    """Places the cameras of the pages.
 
-    `picture`: what there is to be seen, or None; `view`: of a page that opens, as in graphics.camera.VIEWS;
-    `lecture`, `caption`: whether larger type, and the caption of a lesson, take room beside the picture.
+    `picture` is the one on the screen, or None; `view` is that of a page that opens, one of graphics.camera.VIEWS;
+    `lecture` and `caption`: whether larger type, and the caption of a lesson, need space beside the picture.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -127,18 +126,18 @@ class Cameras:
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
 
-        For any thread. Two threads that place one camera could each send what the other takes for the last command.
+        Any thread may call this. Only the main loop places cameras, since two threads could mix their commands.
         """
         self._requests.append((client, view))
 
     def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
-        """`request` a view for every page, or for each page its own of what `kept_views` has returned."""
+        """`request` a view for every page, or for each page its own view of `kept_views`."""
         for number, client in self._server.get_clients().items():
             if isinstance(view, str) or number in view:
                 self.request(client, view if isinstance(view, str) else view[number])
 
     def show_face(self, client: viser.ClientHandle, expert: bool) -> None:
-        """Leave the room that a page needs, which shows the panels or the bar; on viser's event loop."""
+        """Adapt the camera to a page that shows the panels, or the bar; on viser's event loop."""
         self._pages[client.client_id].expert = expert
         self.request(client)
 
@@ -153,9 +152,9 @@ class Cameras:
                     self.place(client, view)
 
     def kept_views(self) -> dict[int, str | Camera]:
-        """Return how each page looks at the scene, by the number of its client.
+        """Return the view of each page, by the number of its client.
 
-        That is a view that it was placed to, as in graphics.camera.VIEWS, or where its user has moved the camera.
+        It is one of graphics.camera.VIEWS, or the camera if the user has moved it.
         """
         kept = {}
         for number, client in self._server.get_clients().items():
@@ -170,9 +169,9 @@ class Cameras:
         return kept
 
     def _fitted(self, page: PageCamera, camera, view: str) -> tuple:
-        """Return what a picture leaves room for: canvas, type, caption, panels, and the height of a map.
+        """Return what the placement of a camera depends on: canvas, type, caption, panels, and the height of a map.
 
-        The height, which comes later than the view, is to the centimetre; a view from the side has to hold it.
+        The height of a relief matters in views from the side only; it is rounded to a centimetre.
         """
         floor = None if self.picture is None or view in ("top", "") else self.picture.floor
         heights = None if floor is None else floor.heights
@@ -180,11 +179,10 @@ class Cameras:
         return canvas(camera), self.lecture, self.caption, page.expert, relief
 
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
-        """Place one page's camera so that the search domain fills what the panels leave free.
+        """Place one page's camera so that the search domain fills the space that the panels leave.
 
-        A page that reports an impossible camera keeps it, and the others are served.
-
-        `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
+        `client`: the page; `view`: one of graphics.camera.VIEWS, or the camera itself. A page that reports an
+        impossible camera keeps it, and does not affect the others.
         """
         with self._guarded(client):
             camera, page = client.camera, self._pages[client.client_id]
@@ -200,7 +198,7 @@ class Cameras:
                 before = page.positions or ((x, y, z),)
                 before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
                 page.positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-            page.view, page.fitted, page.camera, page.looks = name, fitted, wanted, 0
+            page.view, page.fitted, page.camera, page.checks = name, fitted, wanted, 0
             with client.atomic():
                 camera.near, camera.far = planes(wanted)
                 camera.fov, camera.up_direction = wanted.fov, wanted.up
@@ -208,7 +206,7 @@ class Cameras:
 
     @contextlib.contextmanager
     def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
-        """Keep an exception that a page's camera causes from the main loop."""
+        """Catch an exception that a page's camera causes, so that it does not reach the main loop."""
         try:
             yield
         except Exception:
@@ -216,11 +214,10 @@ class Cameras:
             self.forget(client)
 
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
-        """Follow a canvas that changes its size as long as the user has not moved the camera.
+        """Place the camera again if the size of the canvas has changed and the user has not moved the camera.
 
-        A camera that is where it was placed before the last time was not moved by the user: the report is older, or the
-        page has gone back there, as a page does that learns late where its camera starts. Until then it reports viser's
-        own start. A page that reports an impossible camera is left alone; the others go on.
+        A camera at one of its earlier positions was not moved by the user: the report is old, or the page has returned
+        to its start, as it does when it gets it late. Until then it reports viser's own start.
 
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
@@ -233,26 +230,26 @@ class Cameras:
                 if any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in before):
                     self.place(client, page.view)
             if check is not None:
-                # A page reports the size of its canvas while the panels move, when that may still be the size before:
-                # the picture then fits a canvas that does not exist. An invisible change makes it report again.
+                # While the panels move, a page may report the old size of its canvas. An invisible change of the field
+                # of view makes it report again.
                 camera.fov *= 1 + FOV_NUDGE if check % 2 else 1 / (1 + FOV_NUDGE)
 
     def follow_all(self, clients) -> None:
-        """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""
+        """`follow` all pages, whose canvas may have changed without a report; the main loop calls this regularly."""
         for client in clients:
             page = self._pages[client.client_id]
             if page.camera is not None:
-                page.looks += 1
-                self.follow(client, CHECKS.index(page.looks) if page.looks in CHECKS else None)
+                page.checks += 1
+                self.follow(client, CHECKS.index(page.checks) if page.checks in CHECKS else None)
 
     def forget(self, client: viser.ClientHandle) -> None:
-        """Drop what belongs to a page that has closed."""
+        """Forget a page that has closed."""
         self._pages.pop(client.client_id, None)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
-        """Set the camera of a page that opens, until its size is known: that of `view`.
+        """Set the camera of a page that opens, until its size is known, to `view` of a picture.
 
-        `picture`: what there is to be seen; `size` (width, height) that is assumed, pixels.
+        `size`: width and height that are assumed, pixels.
         """
         fov = TOP_FOV if self.view == "top" else None
         first = self._server.initial_camera
@@ -262,10 +259,10 @@ class Cameras:
 
 
 def _margins(size: tuple[int, int], lecture: bool, caption: bool, expert: bool) -> tuple[int, int, int, int]:
-    """Pixels left, bottom, right and top of what is looked at, for rulers, legend, bar and caption."""
+    """Return the margins for rulers, legend, bar and caption, pixels: left, bottom, right, top."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
         broad = size[0] >= max(BROAD, BROAD_RATIO * size[1])
-        if expert and not lecture:  # whose caption lies over a panel
+        if expert and not lecture:  # here a caption is drawn over a panel
             return BROAD_EXPERT_MARGINS if broad else EXPERT_MARGINS
         usual, large = (BROAD_MARGINS, BROAD_LECTURE_MARGINS) if broad else (MARGINS, LECTURE_MARGINS)
         left, bottom, right, top = large if lecture else usual
@@ -278,11 +275,10 @@ def _margins(size: tuple[int, int], lecture: bool, caption: bool, expert: bool) 
 
 
 def labels_html(labels: Iterable[Label], theme: Theme) -> str:
-    """Return the texts as elements with place and lift in `data-at`, metres; what comes first covers the others."""
-    elements = []
+    """Return the texts as elements with position and lift in `data-at`, metres, those of the highest priority first."""
+    elements, colours = [], f"color:rgb{theme.foreground};--halo:rgb{theme.background}".replace(" ", "")
     for label in by_rank(labels):
         place = ",".join(f"{x:.4f}" for x in (*label.position, label.lift))
-        colours = f"color:rgb{label.colour};--halo:rgb{halo_of(label.colour, theme)}".replace(" ", "")
         kind, axis = "name", ""
         if label.name.startswith("frame/"):
             kind, axis = "number", label.name.partition("/")[2][:1]
@@ -294,7 +290,7 @@ def labels_html(labels: Iterable[Label], theme: Theme) -> str:
 
 
 def relief_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
-    """Return a map in relief as a surface through the middles of its pixels and to the edges of the map.
+    """Return a map in relief as a surface through the centres of its pixels, extended to the edges of the map.
 
     `heights` (ny, nx) float32, metres above the map's own height.
     """
@@ -311,11 +307,11 @@ def relief_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
 
 
 def textured(vertices, faces, places, image: np.ndarray, **material: Any) -> trimesh.Trimesh:
-    """Return a surface whose material neither reflects its surroundings nor shines: its colours are those of `image`.
+    """Return a surface with the colours of `image`, whose material does not reflect anything.
 
-    `places` (V, 2): of the vertices in the image, from 0 to 1.
+    `places` (V, 2): positions of the vertices in the image, from 0 to 1.
     """
-    import trimesh  # here, for it takes long to load and few pages need it
+    import trimesh  # takes long to load, and few pages need it
     from PIL import Image
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -354,8 +350,8 @@ class SceneNodes:
         parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes)}
         parts |= {part.name: part for part in picture.surfaces}
         if picture.floor is not None:
-            # No other name may lie below it: viser would move that node along. And a page keeps the position of a name
-            # for the next node of that name, so a relief, which has none, needs a name of its own.
+            # No node may have this name as a prefix: viser would move it, too. A page keeps the position of a node for
+            # the next node of the same name, so that a relief, which has no position, needs another name.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
         self.is_empty, self.cameras.picture = False, picture
         texts = content("labels", labels_html(picture.labels, picture.theme))
@@ -372,9 +368,9 @@ class SceneNodes:
         self.parts = parts
 
     def settle(self, now: float) -> None:
-        """Remove surfaces once every page has drawn those that replace them; called by the main loop at the time `now`.
+        """Remove old surfaces some time after new ones replaced them; called by the main loop at the time `now`.
 
-        A page takes a moment to read a surface, and shows none meanwhile.
+        A page needs a moment to read a surface and would show none meanwhile.
         """
         self._replaced = [(name, now if since is None else since, handle) for name, since, handle in self._replaced]
         self._remove_replaced(lambda name, since: since is not None and since < now - REPLACING_TIME)
@@ -422,23 +418,23 @@ class SceneNodes:
         )  # fmt: skip
 
     def _send_late(self, name: str, handle: Any, surface: trimesh.Trimesh) -> Any:
-        """Create the node of a surface, which a page draws late, beside the one that it replaces."""
+        """Create the node of a surface; the one that it replaces stays until pages have drawn the new one."""
         if handle is not None:
             self._replaced.append((name.removeprefix("/"), None, handle))
         name = f"{name}/{next(self._numbers)}"
         return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
 
-    # Before the first session is ready. This module is imported before the solvers, so that the page has a picture
-    # within the second that their import takes.
+    # The methods below show a scene before the first session is ready. This module does not import the solvers, so that
+    # the page has a picture while these are loaded.
 
     def show_cached(self, request: OpenRequest) -> None:
-        """Show a request that needs no simulation; show nothing where the scene has to be simulated first."""
+        """Show the scene of a request if it does not have to be simulated first."""
         measurement = request.measurement or load_cached_measurement(request.scene)
         if measurement is not None:
             self.show_room(request, as_given(request.scene, measurement))
 
     def show_room(self, request: OpenRequest, measurement: Measurement) -> None:
-        """Show the room and the microphones of a `measurement`; the microphones alone where the room is not known."""
+        """Show the microphones of a `measurement`, and the room if it is known."""
         known_scene = None if isinstance(request.scene, MeasuredScene) else request.scene
         picture = static_picture(known_scene, measurement, request.choices.get("dark") is True)
         self.cameras.set_initial(picture)

@@ -1,7 +1,7 @@
 """One session on the screen: its newest state, the map, the verdict and the tabs.
 
-Three threads share no mutable data: viser's event loop checks what clients send and puts commands on the session's
-queue, the solver thread publishes frozen states, and the main thread copies the newest of them to the screen here.
+Three threads share no mutable data. viser's event loop checks the messages of clients and puts commands on the
+session's queue, the solver thread publishes frozen states, and the main thread shows the newest state here.
 """
 
 import contextlib
@@ -41,11 +41,10 @@ from .state import Choices, PageState
 def ellipses_of(
     found: Assessment | None, frame: DisplayFrame | None = None, positions: Any = None
 ) -> np.ndarray | None:
-    """Return the half axes of the 95 % ellipses at the end of a run; None before it, and where they are unknown.
+    """Return the half axes of the 95 % ellipses at the end of a run; None before it, or if they are unknown.
 
-    In a known room each position has images; their ellipses are not drawn.
-
-    `found`: of the state on the screen, or None; `frame`: in which the page draws the `positions` of that state.
+    `found` is the assessment of the state on the screen, or None; `frame` that in which the page draws the `positions`
+    of the state. In a known room no ellipses are drawn, since each position has images.
     """
     if found is None or found.room is not None or not np.isfinite(found.covariance).all():
         return None
@@ -57,7 +56,7 @@ VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
 
 
 class VerdictWorker:
-    """Requests verdicts on a thread of the session, and returns the one on the state on the screen."""
+    """Requests verdicts on a thread of the session, and returns that for the state on the screen."""
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._state, self._since = run, None, 0.0
@@ -66,9 +65,9 @@ class VerdictWorker:
         self._worker = threads.job(self._compute)
 
     def of(self, state: RunState, running: bool, now: float) -> tuple[Assessment | None, bool]:
-        """Return the assessment of `state`, None while there is none, and whether there will be one.
+        """Return the assessment of a state, or None, and whether one is expected.
 
-        `state`: of the solver; `running`: whether the solver runs; `now`: time, s.
+        `running`: whether the solver runs; `now`: time, s.
         """
         if state is not self._state:
             self._state, self._since = state, now
@@ -82,9 +81,9 @@ class VerdictWorker:
         return None, state.finished and not running
 
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
-        """Return the microphones whose errors count; once the verdict on a run names faulty channels, without these.
+        """Return the microphones whose errors are averaged, without the faulty channels of the last assessment.
 
-        `found`: the assessment of its state, or None.
+        `found`: the assessment of the state, or None.
         """
         if found is not None or view.lineage is not self._lineage:
             self._lineage = view.lineage
@@ -104,7 +103,8 @@ TRAIL_STATES = 200  # states over which a trail extends
 class SessionPicture:
     """Draws the states of a session.
 
-    `frame`: in which the states are drawn; `places` (N, D) float64, metres, where the microphones were drawn last.
+    `frame` is that in which the states are drawn; `places` (N, D) float64, metres, are the positions that were drawn
+    last; `ball` is the microphone that was drawn as a ball, or None.
     """
 
     def __init__(self, run: PreparedRun, frame: DisplayFrame):
@@ -114,10 +114,10 @@ class SessionPicture:
         shown = [start, np.reshape(measured.known_positions, (-1, start.shape[1]))]
         if measured.positions is not None and not measured.blind:
             shown.append(measured.positions)
-        # only for pictures, where the measurement has no domain: the solver must not use this one
+        # a search domain for pictures only, if the measurement has none; the solver must not use it
         self._measurement = replace(measured, search=search_around(np.concatenate(shown), measured.search))
-        self.places, self.ball = start, None  # and the microphone that is drawn as a ball, if one is
-        self._static = Memo()  # what stays the same while the solver runs
+        self.places, self.ball = start, None
+        self._static = Memo()
 
     def draw(
         self,
@@ -141,7 +141,7 @@ class SessionPicture:
         if moving is not None:
             positions[moving.microphone, : len(moving.place)] = moving.place
         scene, measurement = self._run.known_scene, self._measurement
-        relief = None if floor is None or floor.heights is None else floor  # whose heights what does not move follows
+        relief = None if floor is None or floor.heights is None else floor  # on which the true microphones stand
         look = choices.dark, relief, choices.lecture
         static = self._static(lambda: static_picture(scene, measurement, *look), *look)
         truth = self._run.drawn_truth(positions)
@@ -170,10 +170,10 @@ class SessionPicture:
         return picture
 
 
-LEVEL = 1.0  # dB, of the scale of a map below which all places fit about as well
-RUN_INTERVAL = 0.15  # s at least between two states that are shown while the solver runs
+LEVEL = 1.0  # dB, range of a map below which all positions fit about equally well
+RUN_INTERVAL = 0.15  # s, least time between two states that are shown while the solver runs
 MOVE_TIME = 0.8  # s for which the move of one microphone is drawn
-FAULT_TIME = 10.0  # s at least that a fault of the page stays in the status lines
+FAULT_TIME = 10.0  # s, least time for which an exception of the page stays in the status lines
 
 log = logging.getLogger(__name__)
 
@@ -181,13 +181,13 @@ log = logging.getLogger(__name__)
 class Viewer:
     """Owns the controls, the background threads and the picture of one session.
 
-    `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
-    opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
-    function that makes the main loop update the page at once. Raises InputError: the
-    request of the run has choices that are not possible. `view`: the states as they are shown; `snapshot`: what is on
-    the screen; `drawn`: the picture, which is drawn again where something has changed; `found`: the assessment of the
-    state, once there is one; `wanted`: the map that belongs to it, None without one; `fault`: the last exception of the
-    page, as long as the status lines show it.
+    `folders` hold the controls, and `nodes` show the picture. `open_other` opens another session in place of this one;
+    `before` are the choices of the session that was shown before, or None; `wake` makes the main loop update the page
+    at once. InputError if the request of the run has choices that are not possible.
+
+    `view` has the states that are shown; `snapshot` is the state of the page on the screen; `drawn` keeps the picture
+    until something changes; `found` is the assessment of the state, or None; `wanted` is the map that belongs to the
+    state, or None; `fault` is the last exception of the page, as long as the status lines show it.
     """
 
     def __init__(
@@ -205,10 +205,11 @@ class Viewer:
         call = server.get_event_loop().call_soon_threadsafe
         self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
         self.fault, self._fault_time = "", 0.0
-        self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # when, and how many costs it had
+        self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # the view, its time, and its number of costs
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
-        self._moved: tuple[np.ndarray, float] | None = None  # whence the last step has moved a microphone, and when
+        # position from which the last step has moved a microphone, and the time of the step
+        self._moved: tuple[np.ndarray, float] | None = None
         self.drawn, self._volume, self._ellipses = Memo(), Memo(), Memo()
         self.wanted: CostMapRequest | None = None
         self.found: Assessment | None = None
@@ -218,7 +219,7 @@ class Viewer:
             view = binding.frame.view(run.session.view)
             picture = self._picture.draw(view, choices, self._selected)
             self.snapshot = PageState(view, microphone=self._selected, picture=picture, run=run, choices=choices)
-            # The threads serve them in this order.
+            # This order is the priority of their work on the threads.
             self.drop = Drop(binding, folders.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
             self.tabs = Tabs(folders, binding, nodes.cameras.request)
@@ -234,11 +235,11 @@ class Viewer:
 
     @property
     def changing(self) -> bool:
-        """Whether the screen is older than the session, or the session is running."""
+        """Whether the screen does not show the newest state, or the state will change without a user."""
         view = self.run.session.view
         compiles = self.run.warmup is not None and self.run.warmup.busy
-        news = view is not self.view or view.costs.count != self._costs  # which the solver computes while it rests
-        return news or view.running or compiles or self.tabs.sweep.playing
+        outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
+        return outdated or view.running or compiles or self.tabs.sweep.playing
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
@@ -248,9 +249,9 @@ class Viewer:
         self._folders.remove()
 
     def close(self, timeout: float = 1.0) -> None:
-        """End all threads after the work in progress; wait `timeout` at most, s."""
+        """End all threads after the work in progress; wait at most `timeout`, s."""
         if self.run.warmup is not None:
-            self.run.warmup.close(0.0)  # the switcher waits for a compilation
+            self.run.warmup.close(0.0)  # `SessionSwitcher` waits for a compilation
         self.binding.threads.close(timeout)
 
     def guarded_tick(self, now: float) -> None:
@@ -272,7 +273,7 @@ class Viewer:
         """Bring the screen up to date at the time `now`, s."""
         choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
         running = newest.running and self.view.running
-        if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # a run needs the processor itself
+        if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
         found, assessing = self._verdict.of(newest.state, newest.running, now) if choices.verdict else (None, False)
@@ -295,12 +296,12 @@ class Viewer:
             view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, note, found,
             axes, assessing, sought, self.run, choices,
         )  # fmt: skip
-        with self._server.atomic():  # the cost in the headline and at the ball, which the picture has, are one number
+        with self._server.atomic():  # the cost in the headline and that beside the ball change together
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
         tabs.show(self.snapshot)
 
     def _draw(self, state: PageState, moving: MovingMicrophone | None) -> PageState:
-        """Draw the picture again where anything of it has changed; return the state with its picture."""
+        """Draw the picture again if anything in it has changed; return the state with its picture."""
         choices, drawn, awaited = state.choices, state.drawn, "" if state.drawn is not None else state.reason
         if self.wanted is not None and drawn is None and not awaited:
             modes = count_label(self.run.measurement, self.wanted.modes)
@@ -320,18 +321,18 @@ class Viewer:
         return replace(state, picture=picture)
 
     def _hint(self, picture: Picture) -> str:
-        """Return how to read the map of a cost, in words, or why there can be none; "" for anything else."""
+        """Return how to read a map of the cost, or why there is no map; "" in other cases."""
         if self.run.problem.search is None:
             return "No map: the file of this measurement has no search domain."
         if picture.bar is None or picture.bar.label.startswith("pressure"):
             return ""
         if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEVEL:
-            return "The map is all but level: all places fit this microphone's recording about as well."
+            return "The map is almost level: all positions fit this microphone's recording about equally well."
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
         return f"Where the map is {low}, the recording of this microphone fits."
 
     def _move(self, view: SessionView, now: float) -> MovingMicrophone | None:
-        """Return what is shown of the microphone that the last step has moved, on its way; None once it is there."""
+        """Return the microphone that the last step has moved, on its way; None once it has arrived."""
         if self._moved is None:
             return None
         (start, since), end, n = self._moved, np.asarray(view.state.positions)[view.state.moved], view.state.moved
@@ -347,9 +348,8 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.
 
-        The map follows the solver, if the user wants it to: it is that of the microphone that the next step moves, and
-        of the last one while its move is drawn. A running solver is faster than its maps: then the microphone is that
-        of the newest map.
+        If the map follows the solver, the microphone is the one that the next step moves, or the last one while its
+        move is drawn. While the solver runs, maps are slower than steps, and the microphone is that of the newest map.
         """
         following = choices.follow and view.running and choices.kind != "none"
         if not choices.follow:

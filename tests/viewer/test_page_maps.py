@@ -37,7 +37,7 @@ def shown(viewer):
     return None if floor is None else round((floor.lowest[0][0] - search.origin[0]) / search.step)
 
 
-@pytest.mark.parametrize(("range_db", "words"), [(0.1, "all but level"), (3.0, "Where the map is dark")])
+@pytest.mark.parametrize(("range_db", "words"), [(0.1, "almost level"), (3.0, "Where the map is dark")])
 def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db, words, work):
     search = work.problem.search
     cost = 10 ** (np.linspace(-14 - range_db, -14, np.prod(search.shape)).reshape(search.shape[::-1]) / 10)
