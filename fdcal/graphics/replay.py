@@ -1,17 +1,17 @@
 """A whole run as one HTML file that plays offline: the page's scene, curves, table and maps, without a server.
 
-The file holds the states as compressed numbers; positions are accurate to a hundred-millionth of the size of the run.
-It loads nothing, and its content security policy forbids it to. Its parts are in `replay_page/`. The address after #
-holds step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a moment.
+The file holds the states as compressed numbers; positions are accurate to 1e-8 of the size of the run. It loads nothing
+from other files, as its content security policy demands. Its parts are in `replay_page/`. The address after # holds
+step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a state.
 
 packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). Integers of four bytes are stored as
-           differences along the first axis, and of every array the lowest bytes of all values come first, then the
-           second ones: what hardly changes compresses to nearly nothing. The compression is that of zlib, which
-           browsers know by the name "deflate"
-map_data   what the browser needs to compute the cost of moving any microphone, at any state, from any modes
-           (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and what a solver
-           estimates of the channels. Only modes that the microphones can carry at the order of
-           `fdcal.cost.eq7` are held; of more than MAX_PRESSURES numbers the highest modes are left out
+           differences along the first axis. Of every array the lowest bytes of all values come first, then the second
+           ones and so on, so that values that hardly change compress well. The compression is that of zlib, which
+           browsers call "deflate"
+map_data   the data with which the browser computes the cost of moving any microphone, at any state, with any modes
+           (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and the gains and noise of
+           the channels. It has only modes that the microphones can carry at the order of `fdcal.cost.eq7`; beyond
+           MAX_PRESSURES numbers the highest modes are left out
 """
 
 import base64
@@ -43,9 +43,9 @@ from .picture import focus_of, wall_height, z_range_of
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
-    """Return arrays of int16, int32, float32 or float64 as JSON has them: "arrays", name to [type, shape], and "bytes".
+    """Return arrays of int16, int32, float32 or float64 for JSON: "arrays", name to [type, shape], and "bytes".
 
-    A difference that overflows wraps round, and the sum in the browser wraps back.
+    A difference that overflows does no harm, since the sum in the browser overflows back.
     """
     listed, content = {}, b""
     for name, values in arrays.items():
@@ -64,10 +64,10 @@ LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB
 
 
 def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:
-    """Return data and arrays that the maps of a problem need; None where there is no search domain or mode carried.
+    """Return data and arrays for the maps of a problem; None without a search domain or a mode that can be carried.
 
-    "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,); "descent" is what steps of
-    descent in the browser need, None of a problem that descent cannot solve; `settings`: of the solver.
+    "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,). "descent" has the settings
+    for steps of descent in the browser, or is None if descent cannot solve the problem.
     """
     reference_cost = reference_cost_of(problem)
     if reference_cost is None or problem.search is None:
@@ -114,12 +114,12 @@ def _parts(values: np.ndarray) -> np.ndarray:
 
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
-STATE_NUMBERS = tuple("step sweep stage restart moved first last".split())  # of a state, with its names
-MAX_COSTS = 400  # states whose cost is computed, evenly spaced
-BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
-POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
+STATE_NUMBERS = tuple("step sweep stage restart moved first last".split())  # attributes of a state
+MAX_COSTS = 400  # number of states, evenly spaced, whose cost is computed
+BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of the data of one microphone
+POSITION_LEVELS = 2**28  # units of a coordinate in the largest distance from the centre of the array
 PAGE = Path(__file__).with_name("replay_page")
-PAGE_MARKS = {  # of the table of marks, by how the page calls them
+PAGE_MARKS = {  # names of the page for entries of the table of marks
     "true": "microphones/true", "estimate": "microphones/estimate", "known": "microphones/known",
     "error": "microphones/error", "ball": "microphones/ball", "selected": "selected/true", "moved": "selected/estimate",
     "lowest": "lowest", "minima": "minima", "trail": "trails", "pointed": "microphones/pointed", "ellipse": "ellipses",
@@ -142,7 +142,7 @@ def replay_html(
 ) -> str:
     """Return the HTML of a run of any solver; parameters as of `run_data`.
 
-    `opens_at`: what it shows where nothing stands after # in its address, as it would stand there.
+    `opens_at`: the part after # that is assumed if the address has none.
     """
     how = {"problem": problem, "microphone": microphone, "max_bytes": max_bytes}
     data = run_data(scene, measurement, states, reference_cost, sought, **how)
@@ -185,7 +185,7 @@ def run_data(
     otherwise the one that the step moved; `parts`: of a lesson, whose ranges of states become those of the states kept.
     """
     search, truth = measurement.search, measurement.positions
-    if search is not None and truth is not None and measurement.blind:  # which is drawn at its true positions
+    if search is not None and truth is not None and measurement.blind:  # states are drawn moved onto the true positions
         search = search_around(states[-1].positions, search, truth)
         measurement = replace(measurement, search=search)
         problem = None if problem is None else replace(problem, search=search)
@@ -205,12 +205,12 @@ def run_data(
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Return a template with each @NAME@ replaced by the part of that name; what a part holds stays as it is."""
+    """Return a template with each @NAME@ replaced by the part of that name."""
     return re.sub(r"@([A-Z]+)@", lambda match: parts[match[1]], template)
 
 
 def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
-    """What stays the same: names, known microphones, the room."""
+    """Return the data that do not change during a run: names, known microphones, the room."""
     room = None if scene is None or scene.source is None else scene
     return {
         "names": list(measurement.names),
@@ -234,9 +234,9 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
 def _state_data(
     measurement: Measurement, states: Sequence, reference_cost, sought, ends: Sequence[int], corrected: bool
 ) -> tuple[dict, dict[str, np.ndarray]]:
-    """What changes from state to state: where and in what unit the positions are, and the arrays.
+    """Return origin and unit of the positions, and the arrays that change from state to state.
 
-    `ends`: of `_costs`; `corrected`: whether gain (T, N, 2) and noise (T, N) of the channels are among them.
+    `ends`: as of `_costs`; `corrected`: whether gain (T, N, 2) and noise (T, N) of the channels are among them.
     """
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
@@ -261,7 +261,7 @@ def _state_data(
 
 
 def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int]) -> np.ndarray:
-    """Cost of each state, dB; of a long run that of MAX_COSTS states and `ends`, and straight lines between them."""
+    """Return the cost of each state, dB; that of a long run is interpolated between MAX_COSTS states and `ends`."""
     computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
@@ -277,7 +277,7 @@ class GalleryEntry:
     """One entry of the index."""
 
     file: str  # of the page, with what it shows after #
-    # title, text: what there is to be seen
+    # title, text: description of the page
     title: str
     text: str
     figures: str  # one line: solver, mean error, size

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import takewhile
@@ -37,8 +36,8 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     Parameters
     ----------
     truth : (N, D) array_like, optional
-        True positions to draw as well, metres, in the axes of the result; without known microphones, which hold these
-        axes, they are laid on the result by a rigid motion, a mirror image allowed.
+        True positions to draw as well, metres, in the axes of the result. Without known microphones they are aligned
+        with the result by a rigid motion, which may include a mirror image.
 
     Returns
     -------
@@ -57,36 +56,35 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     >>> figure.axes[0].get_xlabel()
     'x (m)'
     """
-    result = self
-    D = result.positions.shape[1]
-    places = None if truth is None else np.asarray(truth, float)
-    if places is not None and places.shape != result.positions.shape:
-        problem = f"truth has shape {places.shape} and the positions {result.positions.shape}"
-        raise InputError(problem, "give one position a microphone", key="truth")
-    known = np.isin(result.names, result.known or ())
-    if places is not None and not known.any():
-        places = align(places, result.positions)
+    D = self.positions.shape[1]
+    true = None if truth is None else np.asarray(truth, float)
+    if true is not None and true.shape != self.positions.shape:
+        problem = f"truth has shape {true.shape} and the positions {self.positions.shape}"
+        raise InputError(problem, "give one position for each microphone", key="truth")
+    known = np.isin(self.names, self.known or ())
+    if true is not None and not known.any():
+        true = align(true, self.positions)
     views = ((0, 1),) if D == 2 else ((0, 1), (0, 2))
     figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
-        axes, shown = list(view), result.positions[:, view]
-        if result.covariance is not None:
-            enlarged_ellipses(panel, shown, result.covariance[:, axes][:, :, axes], result.positions)
-        if places is not None:
-            plot_marks(panel, "microphones/true", places[:, axes], scale=MARK_SCALE)
+        axes, shown = list(view), self.positions[:, view]
+        if self.covariance is not None:
+            enlarged_ellipses(panel, shown, self.covariance[:, axes][:, :, axes], self.positions)
+        if true is not None:
+            plot_marks(panel, "microphones/true", true[:, axes], scale=MARK_SCALE)
         plot_marks(panel, "microphones/estimate", shown[~known], scale=MARK_SCALE)
         plot_marks(panel, "microphones/known", shown[known], scale=MARK_SCALE)
         panel.set_aspect("equal", adjustable="datalim")
         panel.set(xlabel=f"{'xyz'[view[0]]} (m)", ylabel=f"{'xyz'[view[1]]} (m)")
         panel.grid(alpha=0.3)
-    figure.suptitle(result_title(result), parse_math=False)
+    figure.suptitle(result_title(self), parse_math=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(views), frameon=False)
     return figure
 
 
 def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
-    """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor where they are small beside the array (N, D)."""
+    """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor if they are small beside the array (N, D)."""
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     longest = np.linalg.norm(axes[:, -1], axis=1)
     shown = longest > 0
@@ -101,14 +99,6 @@ def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positio
         label = "_"  # one entry of the legend for all
 
 
-def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int = 0) -> str:
-    """Return a table, with a line for the number of rows that are left out."""
-    head = "".join(f"<th>{text}</th>" for text in heads)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    more = f'<tr><td colspan="{len(heads)}">and {omitted} more</td></tr>' if omitted else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}{more}</tbody></table>"
-
-
 ROWS = 12  # microphones that are listed; the first ones
 
 
@@ -121,16 +111,19 @@ def calibration_html(result: Calibration) -> str:
     )
     sigma = ["known" if name in known else text for name, text in zip(result.names, sigma, strict=True)]
     axes = [f"{axis} (m)" for axis in "xyz"[: result.positions.shape[1]]]
-    heads = ["microphone", *axes, "one sigma (mm)", "error (mm)"]
+    heads, omitted = ["microphone", *axes, "one sigma (mm)", "error (mm)"], max(0, count - ROWS)
     cells = zip(result.names, result.positions, sigma, error, strict=True)
-    rows = [[name, *(f"{value:z.4f}" for value in place), *more] for name, place, *more in cells][:ROWS]
+    rows = [[name, *(f"{value:z.4f}" for value in position), *others] for name, position, *others in cells][:ROWS]
+    head = "".join(f"<th>{text}</th>" for text in heads)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    more = f'<tr><td colspan="{len(heads)}">and {omitted} more</td></tr>' if omitted else ""
     f, verdict, text = result.frequencies, escape(result.verdict.replace("_", " ")), escape(result.verdict_text)
     run = f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
     coded = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
     return (
         f"<p><b>{verdict}</b>: {text}<br>{escape(run)}</p>"
         f'<img alt="positions of the microphones" style="max-width:100%" src="data:image/png;base64,{coded}">'
-        f"{html_table(heads, rows, max(0, count - ROWS))}"
+        f"<table><thead><tr>{head}</tr></thead><tbody>{body}{more}</tbody></table>"
     )
 
 
@@ -177,7 +170,7 @@ def show_calibration(self: Calibration) -> Replay:
         remedy = "show what fdcal.calibrate returns, or write a page with the command fdcal replay"
         raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
     run = self.run
-    states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # a run that was stopped had no more
+    states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # the run may have been stopped
     search = search_around(states[-1].positions, run.measurement.search)
     measurement = replace(run.measurement, search=search)
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])

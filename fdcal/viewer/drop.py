@@ -1,7 +1,7 @@
 """Microphones that a user selects or drags over their map; one that is released rolls downhill.
 
 An invisible disc, the handle, lies over every estimated position. viser reports the handle that is dragged and the
-position of the pointer on a plane that faces the camera, from which `MicrophonePicker` computes a position at the height
+position of the pointer on a plane that faces the camera. From it `MicrophonePicker` computes a position at the height
 of the microphone. The handles are discs because a busy page sometimes reports NaN for the pointer on a solid.
 
 While a microphone is dragged, the session does not change. The scene shows the microphone at the pointer, the cost

@@ -1,8 +1,8 @@
 """The face Explore: one bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
 
-It is what a browser opens; "Expert" shows the panels in its place. Each browser chooses for itself (`server/page.js`),
-so that a lecturer may use the panels while all others see the canvas. What the bar does is declared with the controls
-of the panels (`Binding.commands`). What Expert calls a mode is a frequency here.
+A browser opens with it; "Expert" shows the panels instead. Each browser chooses its face (`server/page.js`), so that a
+lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
+the panels (`Binding.commands`). A mode of Expert is called a frequency here.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from .tabs.view import KINDS
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
-DOT = 8.5  # pixels, radius of a single microphone; of several it falls with the square root of their number
-CURVE_POINTS, CURVE_HEIGHT = 120, 20  # at most, of the curve along a run, and in its own units
+DOT = 8.5  # pixels, radius of a microphone, times the square root of their number
+CURVE_POINTS, CURVE_HEIGHT = 120, 20  # greatest number of points, and height, of the curve along a run
 LECTURE = "Lecture mode: larger type, no panels (key H)"
 SHARED = ("Replay (HTML)", PICTURE)  # kinds of file
 LINK = "The address of this page opens the same view for whoever has the same scene or file: copy it."
@@ -53,9 +53,9 @@ def drawing(points: np.ndarray) -> str:
 
 
 def run_curve(view: SessionView) -> tuple[str, str]:
-    """Return the path of the cost along the states of a run as SVG, from 0 to 100, and words that say where it lies.
+    """Return the curve of the cost along the states of a run as a path of SVG, from 0 to 100, and its range in words.
 
-    Both are "" before there are two costs.
+    Both are "" before two costs are known.
     """
     at = evenly_spaced(view.count, CURVE_POINTS)
     cost = np.array([view.costs.of(view.history[i]) for i in at.tolist()])
@@ -69,7 +69,7 @@ def run_curve(view: SessionView) -> tuple[str, str]:
 
 
 def summed_text(modes: tuple[int, ...]) -> str:
-    """Return the modes of a map: "1 to 92", or "92" where it is one."""
+    """Return the modes of a map: "1 to 92", or "92" for a single one."""
     if len(modes) == 1:
         return str(modes[0])
     return f"{modes[0]} to {modes[-1]}" if len(modes) == modes[-1] - modes[0] + 1 else modes_text(modes)
@@ -77,9 +77,9 @@ def summed_text(modes: tuple[int, ...]) -> str:
 
 @lru_cache(maxsize=64)
 def thumbnail(name: str) -> tuple[str, str]:
-    """Return the title of a scene that comes with fdcal, and its drawing; of a measured array a ring stands for it.
+    """Return title and drawing of a scene that comes with fdcal; the drawing of a measured array is a ring.
 
-    A file that was changed by hand and cannot be read has its name for a title, and no drawing.
+    If the file cannot be read, the title is its name and the drawing is empty.
     """
     try:
         scene = load_scene(name)
@@ -91,7 +91,7 @@ def thumbnail(name: str) -> tuple[str, str]:
 
 
 def _slider(binding: Binding, command: str, label: str) -> str:
-    """Return the slider of a command, as it stands in the panels."""
+    """Return a slider with range and value of the one in the panels."""
     handle = binding.commands[command][0]
     disabled = " disabled" if handle.disabled else ""
     return (
@@ -103,20 +103,20 @@ def _slider(binding: Binding, command: str, label: str) -> str:
 class Explore:
     """Fills the regions `bar` and `sheet`.
 
-    `page`: whose session is shown; `lessons`: that the sheet offers; `own_files`: what takes files, or None.
+    `page` shows the session; the sheet lists the `lessons`; `own_files` receives uploaded files, or is None.
     """
 
     def __init__(self, page: Any, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
-        self._own: tuple[OpenRequest, str] | None = None  # the file that was shown last, and the drawing of its array
+        self._own: tuple[OpenRequest, str] | None = None  # request of the last file shown, and drawing of its array
         overlay.on("scene", self._open)
         overlay.on("opened", lambda client, _: self._open(client, ""))
         if own_files is not None:
             overlay.on("own", own_files.open)
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
-        """Open a scene that comes with fdcal or, for "", the file again that was shown last; a lesson ends."""
+        """Open a scene that comes with fdcal or, for "", the last file that was shown; end a lesson."""
         if name or self._own is None:
             require_choice("scene", name, self._names)
             request = scene_request(load_scene(name))
@@ -126,7 +126,7 @@ class Explore:
         self._page.open(request)
 
     def show(self) -> None:
-        """Bring bar and sheet up to date; called by the main loop."""
+        """Update bar and sheet; called by the main loop."""
         viewer, overlay, current = self._page.viewer, self._page.panels.overlay, self._page.switcher.current
         error = error_message(self._page.switcher.error)
         title, waiting = ("", error) if current is None else (current.request.scene.title, current.text)
@@ -153,7 +153,7 @@ class Explore:
         head, colon, rest = shown.partition(":")
         status = escape(waiting) or self._status(viewer)
         curve, costs = run_curve(view)
-        step = "Step"  # the button says what the next step will do
+        step = "Step"  # the label of the button describes the next step
         if not running and not state.finished:
             n = state.next_microphone(viewer.run.problem)
             one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
@@ -185,7 +185,7 @@ class Explore:
 
     @staticmethod
     def _methods(viewer: Viewer) -> str:
-        """Return the switch between the methods, with that of the run pressed."""
+        """Return the switch between the methods, on which that of the run is pressed."""
         own, names = viewer.run.scene.solver.name, viewer.tabs.solver.name.options
         together, buttons = viewer.run.solver.TRAITS.moves_all, ""
         at_once = own if together else SolverSettings().name
@@ -203,7 +203,7 @@ class Explore:
 
     @staticmethod
     def _status(viewer: Viewer) -> str:
-        """Return what the solver does, and the error that is left; of a run that starts again that of the best."""
+        """Return what the solver does, and the error of the best positions so far."""
         view, measurement, sought = viewer.view, viewer.run.measurement, viewer.snapshot.counted
         errors = measurement.errors(view.state.best_positions, sought)
         faulty = len(viewer.run.sought) - len(sought)

@@ -1,7 +1,7 @@
 """Files that a user uploads with the form below the list of scenes (`server/page.js`).
 
-They arrive in parts, in viser's messages for uploads, and stay in a private temporary folder until the server ends.
-The page takes files only if no other machine can reach it.
+They arrive in parts, in viser's messages for uploads, and are kept in a private temporary folder until the server ends.
+The page accepts files only if no other machine can reach it.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from ..session.worker import LatestWorker
 from . import html
 from .server import content
 
-MAX_BYTES = 500_000_000  # of all files that a page takes
+MAX_BYTES = 500_000_000  # of all files that a page accepts
 MAX_FILES, MAX_NAME = 1000, 100  # of one request, and characters of a name
 NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
-RECORDING, LIST = "recording", "positions"  # what a file is for, as the form calls its fields
+RECORDING, LIST = "recording", "positions"  # purpose of a file, as the fields of the form are called
 KIND_NAMES = {
     "auto": "found automatically",
     "impulse": "impulse or sweep response",
@@ -45,7 +45,7 @@ KIND_NAMES = {
 
 @dataclass
 class Delivered:
-    """What one browser has sent of a request: its files by what they are for; `uploaded`: bytes, shown to it."""
+    """The files of one browser, with their purposes; `uploaded` shows it the number of bytes that have arrived."""
 
     folder: Path
     uploaded: viser.GuiHtmlHandle
@@ -55,7 +55,7 @@ class Delivered:
 
 
 class OwnFiles:
-    """Owns the folder and what reads its files; `show`: function that shows a session, `wake`: updates the page."""
+    """Owns the folder and the thread that reads its files; `show` shows a session, `wake` updates the page."""
 
     def __init__(self, server: viser.ViserServer, show: Callable[[OpenRequest], None], wake: Callable[[], None]):
         self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
@@ -71,16 +71,16 @@ class OwnFiles:
         self._closed = True
         for client in list(self._delivered):
             self.forget(client)
-        for _ in range(3):  # a file that begins at this moment may be put into it while it is deleted
+        for _ in range(3):  # a file may be added to the folder while it is deleted
             self._folder.cleanup()
 
     def forget(self, client: int) -> None:
-        """Forget what a browser has sent without opening it."""
+        """Forget the files of a browser that were not opened."""
         if (delivered := self._delivered.pop(client, None)) is not None and delivered.open is not None:
             delivered.open.close()
 
     def _begin(self, client: int, message: Any) -> None:
-        """Take the name and the size of the next file, on viser's event loop."""
+        """Begin the next file with its name and size, on viser's event loop."""
         handle, delivered = self._server.get_clients().get(client), self._delivered.get(client)
         if self._closed or handle is None or message.source_component_uuid not in (RECORDING, LIST):
             return
@@ -99,11 +99,11 @@ class OwnFiles:
         delivered.open = (place / name).open("wb")
 
     def _take(self, client: int, message: Any) -> None:
-        """Write a part of the file that has begun last, on viser's event loop."""
+        """Write a part of the last file that was begun, on viser's event loop."""
         delivered, size = self._delivered.get(client), len(message.content)
         if delivered is None or delivered.open is None:
             return
-        if self._bytes + size > MAX_BYTES:  # more than was announced
+        if self._bytes + size > MAX_BYTES:  # more than the size in its first message
             self._refuse(client, delivered)
             return
         delivered.open.write(message.content)
@@ -117,7 +117,7 @@ class OwnFiles:
         self._wake()
 
     def open(self, client: viser.ClientHandle, value: str) -> None:
-        """Open what a browser has sent; `value`: kind and temperature, degrees Celsius, as in "auto 20"."""
+        """Open the files of a browser; `value`: kind and temperature, degrees Celsius, such as "auto 20"."""
         delivered = self._delivered.get(client.client_id)
         if delivered is None:
             return

@@ -1,9 +1,9 @@
-"""The panels of the face Expert: their tabs, which stay as long as the server, and what one session has in them.
+"""The panels of the face Expert: their tabs, which exist as long as the server, and the controls of a session in them.
 
-A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
-same tab afterwards. `Tabs` makes those of a session: every class derived from `Tab` in a module of `tabs`. `StatusBar`
-stands above them while another session is prepared; `RunBar` and `SolverTab`, which run the solver and set it up, stand
-between.
+Since the tabs stay, a user who looks at a tab while another scene is opened sees the same tab afterwards. `Tabs` makes
+the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. `StatusBar` is at the
+top while another session is prepared; `RunBar` and `SolverTab`, which run and configure the solver, are between it and
+the tabs.
 """
 
 import itertools
@@ -30,7 +30,7 @@ from .prepare import SessionSwitcher
 from .state import PageState
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
-# Tabs without icons, which would take too much room; a tab of another name stands at the right, too.
+# The tabs have no icons, for lack of space. A tab with another name is at the right, too.
 RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 
 
@@ -76,7 +76,7 @@ class StatusBar:
     def show(self, first: bool) -> None:
         """Bring the line up to date; called by the main loop.
 
-        `first`: whether there is no session yet, to which Cancel could return.
+        `first`: whether no session has been shown yet, so that Cancel is impossible.
         """
         current, error = self._switcher.current, self._switcher.error
         busy, self.bar.visible = current is not None, current is not None
@@ -117,12 +117,12 @@ class SessionFolders:
 
 
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
-# Steps per second with which a run begins that can be followed: of a method that moves all microphones, in a lesson and
-# otherwise, and of one that moves single ones.
+# Steps per second at the beginning of a run, slow enough to follow it: of a method that moves all microphones, in a
+# lesson and otherwise, and of one that moves one microphone at a time.
 LESSON_RATE, WATCHED_RATE, WATCHED_MOVES = 1, 5, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
-QUICK_STEP = 0.004  # s; a run whose steps take longer is slow enough to follow, and begins faster by as much
+QUICK_STEP = 0.004  # s; a run whose steps take longer begins with a rate that is higher by the same factor
 STEPS = ("Step", "Sweep", "Stage", "Restart")
 
 
@@ -167,8 +167,10 @@ class RunBar(Tab):
         return self._binding.choices.rate or usual
 
     def limit_rate(self, rate: int | None) -> None:
-        """Limit the solver to so many steps per second; MAX_RATE removes the limit. With None, the speed of a lesson,
-        every run begins slowly and becomes faster."""
+        """Limit the solver to `rate` steps per second; MAX_RATE removes the limit.
+
+        With None, which lessons use, every run begins slowly and becomes faster.
+        """
         self._lesson = rate is None
         if rate is not None:
             self._binding.sent[id(self.speed)] = rate  # the user may still be dragging the slider
@@ -176,13 +178,13 @@ class RunBar(Tab):
         self.refresh()
 
     def refresh(self) -> None:
-        """Give the solver the speed that it begins with."""
+        """Give the solver the speed with which a run begins."""
         self._since = -1.0
         self._paced = 0 if self._rate == MAX_RATE else self._rate
         self._binding.session.pace(self._paced)
 
     def toggle(self) -> None:
-        """Run the solver, from its start where it has finished, or pause it. The map is that of what it minimises."""
+        """Run the solver, from its start if it has finished, or pause it; the map shows the cost that it minimises."""
         session = self._binding.session
         if session.view.running:
             session.pause()
@@ -193,12 +195,12 @@ class RunBar(Tab):
         session.play()
 
     def hurry(self) -> None:
-        """Let the run in progress, or one that was paused, go on as fast as the machine can."""
+        """Continue the run as fast as the machine can."""
         self._since = 0.0
         self._binding.session.play()
 
     def press(self, label: str) -> None:
-        """Act on a button of STEPS. A step goes on to the microphone that is moved."""
+        """Carry out a button of STEPS; the map then follows the microphone that is moved."""
         units: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
         if label not in units:
             self._binding.tabs.solver.restart()
@@ -217,7 +219,7 @@ class RunBar(Tab):
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
         if view.running and self._binding.choices.rate is None:
-            # Unless a user has chosen the speed, a run becomes faster: one can follow it, and a long one ends soon.
+            # Unless a user has chosen the speed, a run becomes faster, so that a long one ends soon.
             self._since = tick.now if self._since < 0 else self._since
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
             rate = slow * watched_rate(self._rate, tick.now - self._since)
@@ -324,7 +326,7 @@ class SolverTab(Tab):
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
-        """Set the modes in use, and whether the solver adds more; as the box says unless given."""
+        """Set the modes in use and whether the solver adds more; None for the value of the box."""
         automatic = self.automatic.value if automatic is None else automatic
         self._binding.session.use_modes(min(first, last), last, automatic)
 

@@ -1,9 +1,9 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
-Warmup            compiles what `fdcal.solvers.warmup_calls` returns, beside the simulation and then beside the page
-Preparation       simulates or takes the measurement, and starts a session
-DisplayFrame      in which the page draws the states of a session
-SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
+Warmup            compiles the functions of `fdcal.solvers.warmup_calls` during the simulation and afterwards
+Preparation       simulates or reads the measurement, and starts a session
+DisplayFrame      the frame in which the page draws the states of a session
+SessionSwitcher   receives requests from any thread; the main loop executes them and gets the sessions
 """
 
 import collections
@@ -32,14 +32,14 @@ from ..solvers import warmup_calls
 from ..solvers.interface import RunState, Solver
 from .scheduler import Memo
 
-POLL_INTERVAL = 0.05  # s between two looks at the progress
-COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk
+POLL_INTERVAL = 0.05  # s between two checks of the compilation
+COMPILE_TIME = 1.0  # s; a function that takes longer is being compiled, a faster one is read from the disk
 
 
 class Warmup:
-    """Starts at once; `close` ends it after the piece in progress.
+    """Compiles the functions that the solver of a scene needs, on a thread that starts at once.
 
-    `scene`: whose solver decides what is compiled. `stop`: whether no other piece is begun.
+    `close` ends it after the function in progress.
     """
 
     def __init__(self, scene: Scene):
@@ -58,7 +58,7 @@ class Warmup:
 
     @property
     def busy(self) -> bool:
-        """Whether something is still to be compiled; False after a failure, which the solver will report."""
+        """Whether a function is still to be compiled; False after a failure, which the solver will report."""
         return self._worker.busy
 
     @property
@@ -69,7 +69,7 @@ class Warmup:
         return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
 
     def close(self, timeout: float) -> bool:
-        """End the thread after the piece in progress; False if that takes longer than `timeout`, s."""
+        """End the thread after the function in progress; False if that takes longer than `timeout`, s."""
         self.stop = True
         return self._worker.close(timeout)
 
@@ -80,50 +80,47 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """What a page shows: a scene, its measurement, and the session that calibrates it."""
+    """A scene, its measurement, and the session that calibrates it, for the page."""
 
-    scene: Scene  # a placeholder where a measurement comes from a file and its room is unknown
-    measurement: Measurement  # as it is drawn and scored
-    problem: Problem  # as the solver receives it
+    scene: Scene  # a placeholder if the measurement is from a file and its room is unknown
+    measurement: Measurement  # for the picture and the errors
+    problem: Problem  # for the solver
     solver: Solver
-    session: Session  # whose states have the settings of `scene` with a number of modes
-    opening: OpenRequest  # the request that the run was prepared for
-    reference_cost: ReferenceCost | None = None  # the cost of any positions, or None where there is none
-    warmup: Warmup | None = None  # what is still being compiled beside the page, or None
+    session: Session  # its states have the settings of `scene` with a number of modes
+    opening: OpenRequest  # the request for which the run was prepared
+    reference_cost: ReferenceCost | None = None  # None if it cannot be computed
+    warmup: Warmup | None = None  # the compilation in progress, or None
 
     def close(self, timeout: float) -> None:
-        """End the threads of a run that is not shown; wait `timeout` at most, s."""
+        """End the threads of a run that is not shown; wait at most `timeout`, s."""
         if self.warmup is not None:
             self.warmup.close(0.0)
         self.session.close(timeout)
 
     @property
     def sought(self) -> np.ndarray:
-        """Numbers of the microphones over which errors are averaged: those whose positions are not given."""
+        """Numbers of the microphones whose positions are not given; errors are averaged over these."""
         everyone = np.arange(self.measurement.count)
         return everyone if self.solver.TRAITS.needs_room or not len(self.problem.free) else self.problem.free
 
     @property
     def known_scene(self) -> Scene | None:
-        """The scene, or None where it only stands in for an unknown room."""
+        """The scene, or None if it is a placeholder for an unknown room."""
         return None if isinstance(self.scene, MeasuredScene) else self.scene
 
     def request_of(self, view: SessionView, choices: Mapping[str, Any]) -> OpenRequest:
-        """Return the request that opens the run again, with all its states.
-
-        Settings and seed are those of the states, which a reset may have changed.
-        """
+        """Return the request that opens the run again, with all its states and their settings and seed."""
         scene, seed = replace(self.scene, solver=view.state.settings), view.state.seed
         return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices)
 
     @property
     def anchor(self) -> Reals | None:
-        """The true positions onto which the page moves each state (N, D), metres; None where it moves none."""
+        """The true positions (N, D), metres, onto which the page moves each state; None if states are not moved."""
         moves = self.measurement.blind and not self.solver.TRAITS.needs_room  # a known room determines the frame
         return self.measurement.positions if moves else None
 
     def drawn_truth(self, positions: Any) -> Reals | None:
-        """Return the true positions beside the `positions` that the page draws; None where they are unknown."""
+        """Return the true positions as the page draws them beside `positions`; None if they are unknown."""
         return self.measurement.aligned_truth(positions) if self.anchor is None else self.anchor
 
 
@@ -134,12 +131,11 @@ NEGLIGIBLE = 1e-12  # m
 class DisplayFrame:
     """Moves positions (N, D), metres, into the frame in which the page draws, and back.
 
-    That is the frame of the true positions, which therefore stand still during a run. The pressures of a blind array
-    determine neither where it stands nor how it is turned nor which of two mirror images it is. Each state is therefore
-    moved as a whole onto the true positions before it is drawn, and what a user places is moved back before the session
-    gets it. Of every other array nothing is moved.
+    This is the frame of the true positions, which therefore do not move during a run. The pressures determine a blind
+    array only up to a rigid motion and a mirror image. Each of its states is moved as a whole onto the true positions
+    before it is drawn, and a position that a user gives is moved back for the session. Other arrays are not moved.
 
-    `by`: the microphones that determine the motion, all at first; later those whose errors count.
+    `by` are the microphones that determine the motion: all at first, later those whose errors are averaged.
     """
 
     def __init__(self, run: PreparedRun):
@@ -153,7 +149,7 @@ class DisplayFrame:
         return x if self._anchor is None else align(x, self._anchor, self.by)
 
     def state(self, state: RunState) -> RunState:
-        """Return a state with its positions as the page draws them; the same one for the same as last time."""
+        """Return a state with its positions as the page draws them; the last result is reused for the same state."""
         if self._anchor is None:
             return state
         return self._moved(
@@ -161,7 +157,7 @@ class DisplayFrame:
         )
 
     def view(self, view: SessionView) -> SessionView:
-        """Return the view of a session with the state that is shown as the page draws it; the history is as it was."""
+        """Return a view whose present state has the positions that the page draws; its history is not changed."""
         return replace(view, state=self.state(view.state))
 
     def axes(self, positions: Any, axes: Reals) -> Reals:
@@ -171,10 +167,10 @@ class DisplayFrame:
         return axes @ rigid_motion(np.asarray(positions)[self.by], self._anchor[self.by])[0]
 
     def placed(self, positions: Any, microphone: int, place: Any) -> np.ndarray:
-        """Return where a session has to place a microphone so that the page draws it at a place, its last state known.
+        """Return the position in the session of a microphone that the page is to draw at `place`.
 
-        `positions`: of the state of the session; `place`: its first coordinates or all of them. The array turns a
-        little with each microphone, so that the place is found by repetition.
+        `positions` are those of the session's state; `place` has the first coordinates or all of them. The array turns
+        a little if a microphone moves, so that the position is found by iteration.
         """
         place = np.asarray(place, float)
         if self._anchor is None:
@@ -196,10 +192,10 @@ SIMULATING, READING = "Simulating the room", "Reading the measurement"
 
 
 class Preparation:
-    """One request on its way to a run: written by its thread, read by the main loop. Setting `stop` cancels it.
+    """The preparation of a run for a request; its thread writes the attributes, and the main loop reads them.
 
-    `task`: what is in progress; `progress`: 0 to 1, of the task; `measurement`: or None until there is one; `run` or
-    `error`: set at the end, when it is `done`.
+    Setting `stop` cancels it. `task` is in progress, and `progress`, 0 to 1, is that of the task; `measurement` is None
+    at first; at the end `done` is set, and `run` or `error`.
     """
 
     def __init__(self, request: OpenRequest):
@@ -213,7 +209,7 @@ class Preparation:
         self.error: Exception | None = None
 
     def __call__(self, progress: float, *_) -> None:
-        """Note the progress; raise Cancelled once it is no longer wanted."""
+        """Set the progress; raise Cancelled if the run is no longer wanted."""
         self.progress = float(progress)
         if self.stop:
             raise Cancelled
@@ -234,8 +230,7 @@ class Preparation:
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
     def execute(self) -> None:
-        """Prepare the run; called on the thread. `error`: InputError where the scene, the measurement or the states
-        cannot be used."""
+        """Prepare the run, on the thread; `error` is an InputError if scene, measurement or states cannot be used."""
         try:
             self(0.0)
             self.warmup = Warmup(self.request.scene)
@@ -305,14 +300,14 @@ COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
 class SessionSwitcher:
     """Prepares the newest request on a thread of its own.
 
-    `current`: what is prepared now, or None; `error`: exception for which the last request was refused, or None.
+    `current` is the preparation in progress, or None; `error` the exception of the last request, or None.
     """
 
     def __init__(self):
         self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
         self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
         self.current: Preparation | None = None
-        self._begun: list[Preparation] = []  # some of which may still be in progress, or compile
+        self._begun: list[Preparation] = []  # those that may still be in progress, or compile
         self.error: Exception | None = None
 
     def open(self, request: OpenRequest) -> None:
@@ -323,7 +318,7 @@ class SessionSwitcher:
         """Cancel the request in progress, or dismiss the error of the last one. Any thread."""
         self._commands.append(None)
 
-    # Below: the main loop alone.
+    # Only the main loop calls the methods below.
 
     @property
     def idle(self) -> bool:
@@ -355,13 +350,11 @@ class SessionSwitcher:
         self.error = error
 
     def close(self, timeout: float = 1.0, compile_timeout: float = COMPILE_TIMEOUT) -> None:
-        """End the threads and close the sessions that were not taken.
+        """End the threads and close the sessions that are not shown.
 
-        The thread of a preparation may be writing to the cache. A file is moved into its place when it is complete, so
-        a thread that is left behind does no harm. A compiler that is left behind can end the interpreter with an error.
-
-        `timeout`: how long to wait for the preparation, s; `compile_timeout`: how long to wait for compilations, which
-        cannot be interrupted, s.
+        Wait at most `timeout` for the preparation and `compile_timeout` for compilations, s, which cannot be
+        interrupted. A preparation that continues does no harm, since files of the cache are moved to their place when
+        they are complete. A compilation that continues may crash the interpreter at its exit.
         """
         self._begin(None)
         self._worker.close(timeout)
@@ -381,7 +374,7 @@ class SessionSwitcher:
             self._worker.request(self.current)
 
     def _close_cancelled(self) -> None:
-        """Close the sessions that were cancelled too late, and forget those that compile no longer."""
+        """Close sessions that were ready before they were cancelled, and forget preparations that have ended."""
         for one in self._begun:
             if one.done and one.stop and one.run is not None:
                 one.run.close(0.0)

@@ -1,6 +1,6 @@
-"""The state of the page: a frozen `PageState`, and the `Choices` of its users, which only events replace.
+"""The state of the page: a frozen `PageState`, and the frozen `Choices` of its users, which events replace.
 
-A session file holds the choices that have a value of their own in `Choices.to_save`.
+A session file holds the choices of `Choices.to_save`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KEPT = "trails ellipses lecture export_kind export_view export_size rate themed 
 
 @dataclass(frozen=True)
 class Choices(MapStyle):
-    """What the users of the page have chosen; what belongs to the session is in its states."""
+    """The choices of the page's users; the modes in use and the positions are in the states of the session."""
 
     microphone: int = 0  # whose map is shown, counted from 0
     follow: bool = True  # whether the map is that of the microphone which the last step moved
@@ -61,7 +61,7 @@ class Choices(MapStyle):
 
     @property
     def map_order(self) -> int | None:
-        """What is added to ceil(k R) in the map; None for what the method minimises, which no volume shows."""
+        """The number that is added to ceil(k R) in the map; None for the cost of the method, which has no volume."""
         return None if self.objective and not self.volume else self.order_offset
 
     def map_request(
@@ -94,10 +94,10 @@ SWITCHES = tuple(
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
-    """Return the choices of a new session: those of its request, and how the page looked before.
+    """Return the choices of a new session: those of its request, and the style of the page before.
 
-    `modes`: number of modes that can be in use; `before`: Choices of the session that was shown before, or None. Raises
-    InputError: the request's `choices` hold an unknown key or value.
+    `modes`: number of modes that can be in use; `before`: choices of the session that was shown before, or None.
+    InputError if the `choices` of the request have an unknown key or value.
     """
     measurement = run.measurement
     free = [n for n in range(measurement.count) if n not in measurement.known]
@@ -144,19 +144,19 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
 class PageState:
     """What the page shows; all of its views are functions of this state."""
 
-    view: SessionView  # the states of the run, that shown as the page draws it
+    view: SessionView  # the states of the run; the one that is shown is in the frame of the page
     now: float = 0.0  # s
     revision: int = 0  # counts the states that were shown
     microphone: int = 0  # whose map is shown, counted from 0
     drawn: CostMap | None = None  # the map on the floor or in space
-    reason: str = ""  # why there is no map, "" where it is only not ready
+    reason: str = ""  # why there is no map; "" if it is only not ready
     picture: Any = None  # Picture, on the screen
     fault: str = ""  # an exception of the page, as text
     note: str = ""  # on work in the background
     found: Assessment | None = None  # of the state, once the solver has finished
     # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; None where `found` has none
     axes: np.ndarray | None = None
-    assessing: bool = False  # whether there will be one
+    assessing: bool = False  # whether an assessment is expected
     sought: np.ndarray | None = None  # numbers of the microphones whose errors are averaged; None: as in the run
     run: Any = None  # PreparedRun; like `choices`, None in tests of views that do not need it
     choices: Any = None

@@ -1,10 +1,9 @@
 """A viser server that accepts only its own page, and only plain values from it.
 
-viser does not authenticate its clients, and the page opens files. This module refuses whatever does
-not come from the page itself: other sites, pages that another program serves on this machine, and programs that send no
-Origin header. It disables the public share tunnel and all other messages that the page of fdcal does not use, limits
-the size of messages, and drops updates that are not values of their control. All hooks are private parts of viser,
-which is why its version is pinned.
+viser does not authenticate its clients, and the page opens files. This module refuses all clients but the page itself:
+other sites, pages of other programs on this machine, and programs that send no Origin header. It disables the public
+share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops updates
+that are not values of their control. It changes private parts of viser, whose version is therefore pinned.
 
 GuardedConnection   passes on only messages that `client_values` accepts, at a bounded rate, to a client that reads
 version_checked     refuses clients of another version of viser, without viser's message on standard output
@@ -44,10 +43,10 @@ log = logging.getLogger(__name__)
 
 Handler = Callable[..., Any]  # a coroutine function
 RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at once
-FLOOD_TIME = 5.0  # s that a client may have to wait in all, before it has been within its budget again
-OPEN_TIME = 2.0  # s that a client may take to say what it wants; the server waits so long for it when it ends
-STALL_TIME = 10.0  # s in which a client must read something of what waits for it
-MAX_UNREAD_BYTES = 16_000_000  # that wait for one client
+FLOOD_TIME = 5.0  # s, total delay of a client beyond its budget after which it is disconnected
+OPEN_TIME = 2.0  # s within which a client must send its request; the server waits for it when it ends
+STALL_TIME = 10.0  # s within which a client must read some of the bytes that wait for it
+MAX_UNREAD_BYTES = 16_000_000  # bytes that may wait for one client
 DEAF = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
@@ -71,7 +70,7 @@ class Budget:
 
 
 class StrangerFilter(logging.Filter):
-    """Reduces what strangers cause to one short line without a traceback, the 1st, 10th, 100th ... time of each."""
+    """Shortens records that other programs cause to one line, and keeps the 1st, 10th, 100th ... of each kind."""
 
     def __init__(self):
         super().__init__()
@@ -166,11 +165,11 @@ Respond = Callable[..., Response | None]  # of a connection and a request
 
 
 def own_page_only(respond: Respond, origins: list[re.Pattern[str]]) -> Respond:
-    """Wrap the function that answers requests: it is asked by its own name, by a page that comes from the same address.
+    """Wrap the function that answers requests, so that it answers only pages of this server.
 
-    A browser sets both headers itself, and neither depends on a forwarded port. `allowed_origins` has the names. The
-    page is sent uncompressed to loopback addresses (also through an SSH tunnel): compressing costs 30 ms before the
-    first byte.
+    The header Host must be one of `origins`, and the header Origin must be the same address as Host. A browser sets
+    both, and a forwarded port does not change them. The page is sent uncompressed to loopback addresses, also through
+    an SSH tunnel, since compression delays the first byte by 30 ms.
     """
 
     def answer(connection, request) -> Response | None:
@@ -210,7 +209,7 @@ def titled(respond: Respond, film: str = "", on_sent: Callable[[], None] = lambd
             response.body = with_title(bytes(response.body), zipped, film)
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
-            # no other site shows it, and acts by it
+            # so that no other site can show the page in a frame and trick users into clicks
             response.headers["Content-Security-Policy"] = "frame-ancestors 'self'"
             on_sent()
         return response
@@ -220,7 +219,7 @@ def titled(respond: Respond, film: str = "", on_sent: Callable[[], None] = lambd
 
 @functools.lru_cache(maxsize=4)
 def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
-    """Return a page with the title TITLE in place of viser's, and page.css and page.js; a page of others as it is.
+    """Return viser's page with the title TITLE, page.css and page.js; any other page is not changed.
 
     `body`: of the page; `zipped`: whether gzip has compressed it; `film`: HTML at the beginning of its body.
     """

@@ -56,11 +56,6 @@ def _next_kind(page, _) -> None:
     tab.show_as(tab.kinds[(tab.kinds.index(page.viewer.binding.choices.kind) + 1) % len(tab.kinds)])
 
 
-def _other_scale(page, _) -> None:
-    binding = page.viewer.binding
-    binding.choose(log=not binding.choices.log)
-
-
 KEYS = (
     Key("R", "Play or pause", "play"),
     Key("N", "One step", "step=Step"),
@@ -76,7 +71,11 @@ KEYS = (
     Key("P", "Add modes one by one, or stop", "sweep"),
     Key("U", "Map of the modes in use", lambda page, _: page.viewer.tabs.map.choose_modes(None)),
     Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _next_kind),
-    Key("L", "Logarithmic or linear scale", _other_scale),
+    Key(
+        "L",
+        "Logarithmic or linear scale",
+        lambda page, _: page.viewer.binding.choose(log=not page.viewer.binding.choices.log),
+    ),
     Key("Y", "Trails", "trails"),
     Key("K", "Dark or light page", "dark_page"),
     Key("H", "Lecture mode: large type, panels folded away", "lecture"),

@@ -1,8 +1,7 @@
 """Lessons: a text, a question and its answer on the canvas; each step sets the page's own controls.
 
-All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
-(`Page.open`), and sets the controls as soon as the scene is ready. What the page showed before the first lesson comes
-back with its end.
+All browsers on the page follow the same lesson. A step that needs another scene opens it first (`Page.open`), and sets
+the controls as soon as the scene is ready. At the end of a lesson the page shows again what it showed before.
 """
 
 from __future__ import annotations
@@ -43,11 +42,10 @@ def plain_choices() -> dict[str, Any]:
 
 
 def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
-    """Set the controls of a session that shows the scene of `setting` already.
+    """Set the controls of a session that already shows the scene of `setting`.
 
-    `setting`: what it leaves out stays; `tabs`: of the session; `place_all`: function that moves
-    the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
-    executed its queued commands. Raises InputError: the setting names modes that were not measured.
+    `place_all` moves the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will
+    be after the commands in its queue. InputError if the setting names modes that were not measured.
     """
     setting, count = setting.unfolded(), tabs.binding.modes
     session = tabs.binding.session
@@ -83,9 +81,9 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
 
 
 def end_of_run(setting: LessonSetting, view: SessionView, restarts: bool) -> Callable[[SessionView], bool]:
-    """Return what tells of a later view of a session whether the run of a setting has ended.
+    """Return a function of later views of a session that returns whether the run of a setting has ended.
 
-    `view`: before the commands of the setting; `restarts`: whether a reset is one of them.
+    `view`: that before the commands of the setting; `restarts`: whether a reset is one of them.
     """
     (what, count), first = run_target(setting.run or "0 steps"), view.history[0] if restarts else view.state
 
@@ -99,9 +97,9 @@ def end_of_run(setting: LessonSetting, view: SessionView, restarts: bool) -> Cal
 
 
 def show_frame(session: Session, address: Mapping[str, str], states: Sequence) -> None:
-    """Show the state of a run that an address names; one that the run has not come to is run to, from its last state.
+    """Show the state of a run that an address names; if the run has not reached it, continue the run to it.
 
-    `states`: of the run so far.
+    `states`: those of the run so far.
     """
     unit = unit_of(address)
     if not unit:
@@ -118,23 +116,23 @@ def show_frame(session: Session, address: Mapping[str, str], states: Sequence) -
 
 @dataclass(frozen=True)
 class PageBefore:
-    """The page as it was before a lesson."""
+    """The state of the page before a lesson."""
 
     run: PreparedRun
     view: SessionView  # the states of its run
     choices: Choices
     values: Mapping[tuple[str, str], Any]  # of the controls that a user can set, by the names of `controls_of`
-    cameras: Mapping[int, str | Camera]  # of each browser: `Cameras.kept_views`
+    cameras: Mapping[int, str | Camera]  # of each browser, see `Cameras.kept_views`
 
     @classmethod
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
-        """Return the page as it is, and pause its run."""
+        """Return the present state of the page, and pause its run."""
         viewer.run.session.pause()
         values = {name: handle.value for name, handle in controls_of(viewer).items()}
         return cls(viewer.run, viewer.run.session.view, viewer.binding.choices, values, cameras.kept_views())
 
     def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
-        """Set the controls of the viewer that shows the session again; on viser's event loop."""
+        """Restore this state in the viewer, which shows the session again; on viser's event loop."""
         viewer.binding.choose(**vars(self.choices))
         if ("scene", "name") in self.values:
             viewer.tabs.scene.choose(self.values["scene", "name"])
@@ -172,11 +170,11 @@ PREPARED, RUNS = "The scene of this step is being prepared", "The solver is runn
 def caption_html(
     progress: LessonProgress, awaited: str = "", waits: str = "", error: str = "", following: str = "", panel: str = ""
 ) -> str:
-    """Return a step as it stands on the canvas, with its answers as buttons or, once one is chosen, the right one.
+    """Return the HTML of a step, with its answers as buttons or, after a choice, the right one; "" without a lesson.
 
-    `awaited`: PREPARED or RUNS, what the step asks about or explains; question or explanation are left out until then;
-    `waits`: what waits for the end of the lesson, in words; `error`: why the step could not be set; `following`: what
-    comes next, once the question is answered; `panel`: HTML below the text. Returns "" without a lesson.
+    While `awaited` is PREPARED or RUNS, the question or the explanation is left out. `waits` describes the session that
+    the end of the lesson brings back; `error` says why the step could not be set; `following` is the label of the
+    button that continues after the question; `panel` is HTML below the text.
     """
     lesson, step, number, choice = progress.lesson, progress.step, progress.number, progress.choice
     if lesson is None or step is None:
@@ -229,23 +227,23 @@ log = logging.getLogger(__name__)
 
 
 class LessonsTab:
-    """Owns the caption, the settings that wait for a scene, and what the page showed before.
+    """Owns the caption, the settings that wait for a scene, and the state of the page before the lesson.
 
-    All methods run on viser's event loop, except `show`.
+    All methods except `show` run on viser's event loop.
     """
 
     def __init__(self, page: Any, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
-        self._before: PageBefore | None = None  # the first lesson
-        self._returning: PageBefore | None = None  # what is being opened again after a lesson
+        self._before: PageBefore | None = None  # the state of the page before the first lesson
+        self._returning: PageBefore | None = None  # the state that is being restored after a lesson
         self._requests: list[OpenRequest] = []  # of the lessons since the first
-        # What waits for the scene of a request.
+        # A request, and the function to call with the viewer that shows its scene.
         self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
-        self._ended: Callable[[SessionView], bool] | None = None  # tells whether the run of the step has ended
-        self._panel = ""  # HTML of what stands below the text
-        self._left_at: dict[str, int] = {}  # by title: the step, from 0, at which a lesson was left
+        self._ended: Callable[[SessionView], bool] | None = None  # returns whether the run of the step has ended
+        self._panel = ""  # HTML below the text
+        self._left_at: dict[str, int] = {}  # number of the step, from 0, at which each lesson was left, by title
         overlay = page.panels.overlay
         overlay.on("lesson", lambda client, name: self.open(name))
         overlay.on("answer", lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)))
@@ -263,7 +261,7 @@ class LessonsTab:
 
     @property
     def _awaited(self) -> str:
-        """What the step waits for, in words; "" for nothing."""
+        """The event for which the step waits, in words; "" if it does not wait."""
         return PREPARED if self._pending is not None else RUNS if self._ended is not None else ""
 
     @property
@@ -275,7 +273,7 @@ class LessonsTab:
 
     @property
     def caption(self) -> str:
-        """What stands on the canvas, as HTML; "" without a lesson."""
+        """The caption of the lesson on the canvas, as HTML; "" without a lesson."""
         progress, title, following = self.progress, self._next_lesson, ""
         if progress.answered and not self._awaited:
             following = NEXT_STEP if progress.moved(1) is not None else title and NEXT_LESSON.format(title)
@@ -308,9 +306,9 @@ class LessonsTab:
         self._set_up(fresh=True)
 
     def open(self, name: str, number: int | None = None) -> None:
-        """Show a step of a lesson, by the lesson's name and the step's number from 1; unless given, where it was left.
+        """Show a step of a lesson, by the lesson's name and the step's number from 1; None for where it was left.
 
-        A step that is shown already stays. Raises InputError: there is no such lesson or step.
+        A step that is already shown does not begin again. InputError if there is no such lesson or step.
         """
         lesson = next((one for one in self._lessons.values() if name in (one.name, one.title)), None)
         if lesson is None:
@@ -324,7 +322,7 @@ class LessonsTab:
             self.start(lesson.title, at)
 
     def end(self) -> None:
-        """End the lesson, and show what the page showed before, unless the user has opened something else."""
+        """End the lesson, and restore the page as it was before, unless the user has opened something else."""
         before, requests, viewer = self._before, self._requests, self._page.viewer
         self.leave()
         if before is not None and viewer is not None:
@@ -343,9 +341,9 @@ class LessonsTab:
                 self._pending = request, put_back
 
     def leave(self) -> None:
-        """End the lesson, and stay where it is: the user has opened something else."""
+        """End the lesson without restoring the page, because the user has opened something else."""
         progress = self.progress
-        if progress.lesson is not None:  # where it is left, it goes on; at its end it begins again
+        if progress.lesson is not None:  # it continues at this step next time, or begins again if it was finished
             finished = progress.moved(1) is None and progress.answered
             self._left_at[progress.lesson.title] = 0 if finished else progress.number
         self.progress, self._before, self._pending, self._ended = LessonProgress(), None, None, None
@@ -369,7 +367,7 @@ class LessonsTab:
             self._set_up()
 
     def answer(self, number: int) -> None:
-        """Give an answer, counted from 0; only the first one counts."""
+        """Give an answer, counted from 0; later answers are ignored."""
         step = self.progress.step
         if step is None or self.progress.choice >= 0 or not 0 <= number < len(step.choices):
             return
@@ -377,7 +375,7 @@ class LessonsTab:
         self._set_up()
 
     def _set_up(self, fresh: bool = False) -> None:
-        """Set the page as the present step requires, the scene first; a `fresh` lesson may begin at any step."""
+        """Set the page for the present step, beginning with the scene; a `fresh` lesson may begin at any step."""
         progress, self._pending, self._ended, self._error = self.progress, None, None, ""
         self._redraw()
         lesson, step = progress.lesson, progress.step
@@ -385,10 +383,10 @@ class LessonsTab:
             return
         revealed = progress.choice >= 0
         settings = [step.page, step.then] if revealed else [step.page]
-        if fresh:  # a step leaves out what the steps before it have set
+        if fresh:  # a step relies on the settings of the steps before it
             settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
             settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
-            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # a run before it is undone
+            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # undoes the runs before it
             settings = [replace(one, run=None) if i < begun else one for i, one in enumerate(settings)]
 
         with self._guarded():
@@ -420,7 +418,7 @@ class LessonsTab:
                 apply_setting(one, shown.tabs, place_all, restarted=one is waiting[0])
             self._await(next((one for one in waiting[::-1] if one.run), setting), shown, before, False)
 
-        # With the controls that a page begins with, so that a lesson depends on nothing before it.
+        # The controls have their initial values, so that a lesson does not depend on earlier choices.
         request = OpenRequest(scene, start_seed=seed, choices=plain_choices() | {"objective": False})
         self._page.open(request)
         self._requests.append(request)
@@ -428,21 +426,21 @@ class LessonsTab:
         self._redraw()
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
-        """Wait for the end of the run of a setting, if there is one, before anything is asked, said or pointed out."""
+        """Wait for the end of the run of a setting, if it has one, before question, explanation and marks are shown."""
         self._ended = end_of_run(setting, before, restarts) if setting.run else None
         self._rest(viewer)
 
     def _rest(self, viewer: Viewer) -> None:
-        """Point out the microphones that the step names, once nothing is awaited."""
+        """Mark the microphones that the step names, unless it still waits."""
         step, choice = self.progress.step, self.progress.choice
         marks = () if step is None or self._awaited else (step.page if choice < 0 else step.then).marks
         viewer.binding.choose(marks=marks)
         self._redraw()
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
-        """Do what waits for a scene once it is shown; called by the main loop.
+        """Apply the settings that wait for a scene when it is shown; called by the main loop.
 
-        `call`: runs a function on viser's event loop.
+        `call` runs a function on viser's event loop.
         """
         pending, viewer = self._pending, self._page.viewer
         if pending is None and viewer is not None and self.progress.lesson is not None:
@@ -472,7 +470,7 @@ class LessonsTab:
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
-        """Show an exception on the page, and log it unless it is the user's."""
+        """Show an exception on the page, and log it unless the user caused it."""
         try:
             yield
         except Exception as error:

@@ -1,7 +1,7 @@
 """Modes are added to the map one by one, in the tab Map, and its local minima are counted on the way.
 
-A sweep adds modes in one order: from the lowest up, or from a high one down. Its maps are computed on a thread; they
-are as fine as those that the page shows when nothing changes, so they have the same local minima.
+A sweep adds modes from the lowest up, or from a high one down. Its maps are computed on a thread, on the same fine
+lattice as the maps that the page shows when nothing changes, so that they have the same local minima.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from ..state import PageState
 class Sweep:
     """A sweep, which may still grow."""
 
-    request: CostMapRequest  # of its last map, its modes in the order in which they are added
-    frames: list[CostMap] = field(default_factory=list)  # of the first mode, of the first two, ...; only appended to
+    request: CostMapRequest  # of its last map, with the modes in the order in which they are added
+    frames: list[CostMap] = field(default_factory=list)  # maps of the first mode, of the first two, and so on
 
     def frame(self, count: int) -> CostMap | None:
-        """Return the map of the first `count` modes, or None where there is none, or not yet."""
+        """Return the map of the first `count` modes, or None if it is not computed."""
         return self.frames[count - 1] if 0 < count <= len(self.frames) else None
 
 
@@ -48,21 +48,21 @@ class Sweep:
 class Playback:
     """A sweep that plays."""
 
-    next: int = 0  # which map is next, counted from 0
-    due: float = float("-inf")  # when that is, s; at once unless given
-    shown: tuple[int, ...] | None = None  # modes that the playback showed last
+    next: int = 0  # number of the next map, counted from 0
+    due: float = float("-inf")  # time at which it is shown, s; by default at once
+    shown: tuple[int, ...] | None = None  # modes of the last map that it showed
 
 
 def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
-    """Return how many `modes` (ascending) there are, if they are the first of a sequence; or 0."""
+    """Return the number of `modes` (ascending) if they are the first of a sequence, otherwise 0."""
     return len(modes) if tuple(sorted(sequence[: len(modes)])) == modes else 0
 
 
-HIDDEN = -1e3  # local minima, where the curve has no point yet: below the plot
+HIDDEN = -1e3  # number of local minima, below the plot, where the curve has no point yet
 
 
 def caption(measurement: Measurement, drawn: CostMap) -> str:
-    """Return what a map of a sweep shows, as HTML."""
+    """Return the caption of a map of a sweep, as HTML."""
     modes, minima = drawn.request.modes, 0 if drawn.minima is None else drawn.minima.count
     found = "no local minimum" if not minima else "1 local minimum" if minima == 1 else f"{minima} local minima"
     where = " in the layer at its height" if measurement.array_dimension == 3 else ""
@@ -84,16 +84,14 @@ def curve(count: int, minima: tuple[int, ...], summed: int) -> tuple[np.ndarray,
 
 UP, DOWN = "Lowest first", "Highest first"
 RATE, MAX_RATE = 4, 20  # modes per second
-NOT_ASKED, NEXT = -2, -1  # in place of the number of the state whose sweep is wanted: none, and the present state
+NONE, NEXT = -2, -1  # in place of the number of the state whose sweep is wanted: no state, and the present state
 ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
 
 
 class SweepTab(Tab):
-    """Owns the controls of the tab, the maps of one sweep, and what plays.
+    """Owns the controls of the tab, the maps of one sweep, and its playback.
 
     Its callbacks run on viser's event loop, `show` on the main loop.
-
-    `made`: the sweep that was asked for, as far as it is computed, or None.
     """
 
     where, order = "Map", 2
@@ -103,8 +101,8 @@ class SweepTab(Tab):
         self.worker = binding.threads.job(self._compute)
         self._sweep: Sweep | None = None
         self._playing: Playback | None = None
-        self._wanted: CostMapRequest | None = None  # of the last sweep that was asked for
-        self._revision, self._curve, self._drawn = NOT_ASKED, Memo(), Memo()
+        self._wanted: CostMapRequest | None = None  # request of the last sweep
+        self._revision, self._curve, self._drawn = NONE, Memo(), Memo()
         self._last: CostMap | None = None  # the map that was shown last
         self._alone, self._label = False, f"Add {row}s one by one"
         series = (
@@ -173,14 +171,14 @@ class SweepTab(Tab):
 
     @property
     def alone(self) -> bool:
-        """Whether the map shows a single mode; for the first mode, which is also a sum, as for the map before."""
+        """Whether the map shows a single mode; the first mode, which is also a sum, does not change the answer."""
         modes = self._binding.choices.modes
         if modes != self._sequence()[:1]:
             self._alone = modes is not None and len(modes) == 1
         return self._alone
 
     def _count(self) -> int:
-        """Return the place in the sweep of the mode that was added last to the map."""
+        """Return the number in the sweep, from 1, of the mode that was added last to the map."""
         choices, run, sequence = self._binding.choices, self._binding.run, self._sequence()
         shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order)
         last = shown[0] if choices.descending else shown[-1]
@@ -191,25 +189,25 @@ class SweepTab(Tab):
         self._restart()
 
     def _restart(self) -> None:
-        """Show as many modes as before, in another order; whatever plays begins again."""
+        """Show as many modes as before, in another order; a sweep that plays begins again."""
         again = self.playing
         self.sum_modes(1 if again else self.summed.value)
         if again:
             self.toggle()
 
     def _sequence(self) -> tuple[int, ...]:
-        """Return the modes in the order in which they are added, as far as a map can sum them."""
+        """Return the modes that a map can have, in the order in which they are added."""
         run, choices = self._binding.run, self._binding.choices
         usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
         modes = tuple(mode for mode in usable if mode <= self.highest.value) or usable[:1]
         return modes[::-1] if choices.descending else modes
 
-    # Below: the main loop alone.
+    # Only the main loop calls the methods below.
 
     def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
-        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted.
+        """Return the map of the sweep in place of `drawn`, if the sweep has the one that is wanted.
 
-        While it plays, the map of the modes before stays until the next one is there.
+        While it plays, a map stays until the next one is computed.
         """
         sweep, style, found, swept = self._sweep, wanted.style, drawn, None
         if sweep is not None and style.kind in ("flat", "basins") and not style.volume:
@@ -233,12 +231,12 @@ class SweepTab(Tab):
 
     @property
     def made(self) -> Sweep | None:
-        """The sweep that was asked for, as far as it is computed; None before it is begun."""
+        """The last sweep that was requested, as far as it is computed; None before it is begun."""
         sweep = self._sweep
         return sweep if sweep is not None and sweep.request == self._wanted else None
 
     def _compute(self, request: CostMapRequest) -> Iterator[None]:
-        """On the thread: map after map, until another sweep is requested."""
+        """Compute one map after the other, until another sweep is requested; on the thread."""
         run, n, offset = self._binding.run, request.microphone, request.order_offset
         if run.problem.search is None:
             return
@@ -252,7 +250,7 @@ class SweepTab(Tab):
             yield
 
     def show(self, state: PageState) -> None:
-        """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
+        """Request the maps of a sweep that plays or is wanted, play it, and update the tab."""
         revision, choices = state.revision, self._binding.choices
         if self._revision == NEXT:
             self._revision = revision
@@ -269,7 +267,7 @@ class SweepTab(Tab):
         self._update(sweep, error)
 
     def _step(self, sweep: Sweep | None, now: float, error: Exception | None) -> None:
-        """Show the next map of what plays, where it is due and ready."""
+        """Show the next map of the sweep that plays, if it is due and computed."""
         playing, call = self._playing, self._binding.call
         if playing is None or sweep is None or (now < playing.due and error is None):
             return
