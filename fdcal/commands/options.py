@@ -1,7 +1,7 @@
-"""The options that commands share: values of the command line, and what they stand for: what to read, where to write.
+"""The options that commands share: their values, and the files that they name.
 
-A `ValueOf` is the type of an option: click names the option before its message. Each value is refused with an example
-of a right one.
+A `ValueOf` is the type of an option: click names the option before its message. The message for a wrong value has an
+example of a right one.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
 class ValueOf(click.ParamType):
-    """The type of an option that `read` parses; `words` is the message for a text that it cannot parse."""
+    """The type of an option that `read` parses; `words` is the end of the message for a text that it cannot parse."""
 
     name = "value"
 
@@ -179,7 +179,7 @@ class RoomOrScene(click.ParamType):
 def search_domain(
     own: Search | None, dimension: int, search: list[float] | None, radius: float | None
 ) -> Search | None:
-    """Return the search domain of --search and --radius; what is not given is taken from the measurement's `own`."""
+    """Return the search domain of --search and --radius; values that are not given are those of the domain `own`."""
     if search is None and radius is None:
         return own
     if radius is None or (search is None and own is None):
@@ -281,10 +281,9 @@ BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfi
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[ProgressReport]:
-    """Give a function that shows progress in a bar on standard error; the bar appears with the first call.
+    """Yield a function that shows progress in a bar on standard error; the bar appears with the first call.
 
-    While the fraction done is 0, the remaining time is unknown, and only the time spent is shown. Nothing is written if
-    standard error is a file.
+    While the fraction done is 0, the bar shows only the elapsed time. Nothing is written if standard error is a file.
     """
     from tqdm import tqdm
 
@@ -410,7 +409,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
 
 
 def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
-    """Return the given options of recordings, or None; InputError if they are given for sources that are none."""
+    """Return the given options of recordings, or None; InputError if a source is not a recording."""
     from ..session.sources import is_recording
 
     given = {key: value for key, value in recorded.items() if value is not None}
@@ -473,7 +472,7 @@ def result_of(path: str | None) -> Calibration | None:
 
 
 def open_request_of(text: str) -> OpenRequest:
-    """Return what a page is to show: a saved session, a measurement or recordings, or a scene."""
+    """Return the request for a page that shows a saved session, a measurement or recordings, or a scene."""
     if text.lower().endswith(".zip"):
         from ..session.session_file import read
 
@@ -486,5 +485,5 @@ def open_request_of(text: str) -> OpenRequest:
         return measurement_request(load_input(text))
     scene = load_scene(text)
     if not shipped:
-        check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
+        check_scene(scene)  # reports a scene that cannot be simulated before a page opens
     return scene_request(scene)

@@ -43,18 +43,18 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
 
 
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
-    """Return how the positions found differ from those in the measurement, which has some."""
+    """Return how the positions found differ from those that the measurement has."""
     from ..assessment.position_check import compare_positions, size_ratio
 
     listed = np.asarray(inputs.measurement.positions)
     positions = result.positions if result.room is None else result.positions_for(inputs.measurement)
-    if _size_is_open(inputs, result):  # about their centre in the size of the list
+    if _size_is_open(inputs, result):  # scaled about their centre to the size of the list
         centre = positions.mean(axis=0)
         positions = centre + size_ratio(positions, listed) * (positions - centre)
     return compare_positions(positions, listed, _frame(inputs))
 
 
-UNITS_APART = 2.0  # ratio of sizes from which a list is taken to be in another unit, whatever the verdict
+UNITS_APART = 2.0  # ratio of sizes from which a list counts as one in another unit, with any verdict
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
@@ -67,7 +67,7 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
 
 
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
-    """Return a comparison in words: what is exchanged, and how far each microphone is from its place in the list."""
+    """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
     names = inputs.labels or inputs.measurement.names
     lines = comparison_sentences(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
     if _size_is_open(inputs, result):

@@ -1,14 +1,14 @@
-"""A plot by uPlot that stays in its place while its data, title and axes change, and common colours of curves.
+"""A plot by uPlot that is kept while its data and axes change, and common colours of curves.
 
-A plot that is removed and added again has no width for a moment, in which it pushes what is below it off the screen,
-and data for the old one may still be on their way.
+If a plot were removed and added again, it would have no width for a moment and move the controls below it, and data for
+the old plot could still arrive.
 
-Other axes make the page build a new chart. viser's page keeps the part of the abscissa that is
-seen, from one extent of the data to the next, and takes it from a chart that is gone where both change at once: the
-curve is then drawn in a corner, or cut off. So the page is given time to draw one before the other is sent.
+Other axes make the page build a new chart. viser's page keeps the visible part of the abscissa when the extent of the
+data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in a
+corner or cut off. The axes are therefore sent some time after the data.
 
-uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. A NaN makes it search for
-axis ticks without end, so none is sent.
+uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. NaN is never sent, since with
+it uPlot would search for axis ticks without end.
 """
 
 import time
@@ -31,10 +31,10 @@ Ends = range | tuple[float, float] | None
 class Plot:
     """Owns one plot.
 
-    `title`: with the unit of the ordinate; `series`: of uPlot, the abscissa first; `x`: label of the abscissa, with its
-    unit; `scales`: further scales of uPlot, by name; `height`: pixels; `whole`: whether the abscissa has ticks at whole
-    numbers alone, at any zoom; `legend`: whether the plot has a legend below. `data`: the columns that the page has;
-    `folder`: holds the plot, and can be made invisible.
+    `title` has the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
+    abscissa, with its unit; `scales` are further scales of uPlot, by name; `height`: pixels; `whole`: whether the
+    abscissa has ticks only at whole numbers; `legend`: whether the plot has a legend below it. `data` are the columns
+    on the page; `folder` contains the plot and can be made invisible.
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class Plot:
         self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
         self.folder, self.title = gui.add_folder(None), title
         self.handle: viser.GuiUplotHandle | None = None
-        self._ends: Ends = None  # of the axis that the page has
-        self._wanted: tuple[tuple[np.ndarray, ...], Ends] = (), None  # data and ends that were shown last
-        self.data: tuple[np.ndarray, ...] = ()  # the data that the page has
-        self._until, self._axes_next = 0.0, False  # when something may be sent again, and whether these are axes
+        self._ends: Ends = None  # of the axis on the page
+        self._wanted: tuple[tuple[np.ndarray, ...], Ends] = (), None  # data and ends of the last call of `show`
+        self.data: tuple[np.ndarray, ...] = ()  # the data on the page
+        self._until, self._axes_next = 0.0, False  # time until which nothing is sent, and whether axes are sent next
 
     def show(self, data: tuple[np.ndarray, ...], ends: Ends = None) -> None:
         """Draw columns of finite numbers: abscissa and ordinates, (P,) float64 each."""
@@ -72,7 +72,7 @@ class Plot:
         self.settle()
 
     def settle(self) -> None:
-        """Send what waits until the page has drawn what was sent before; called by the main loop."""
+        """Send data or axes that wait, after the page has drawn the last ones; called by the main loop."""
         now = time.perf_counter()
         if self.handle is None or now < self._until:
             return
@@ -107,11 +107,9 @@ def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:
 
 
 def decades_of(*curves: np.ndarray) -> range:
-    """Return the powers of ten between which all numbers of the curves lie.
+    """Return the powers of ten, at least two, between which all numbers of the curves (P,) lie, which are above zero.
 
-    uPlot's own grid has too many lines and numbers.
-
-    `curves` (P,) float64 each, above zero. Returns range, at least two powers.
+    They replace uPlot's own grid, which has too many lines and numbers.
     """
     powers = np.log10(np.concatenate(curves))
     first, last = int(np.floor(powers.min() + 1e-9)), int(np.ceil(powers.max() - 1e-9))

@@ -1,9 +1,9 @@
-"""The server of the page: who may connect, which values are accepted, what is logged.
+"""The server of the page: who may connect, which values are accepted, and the log.
 
 May import: the packages below viewer.
 
 hardening      a server that only its own page can use, with a bounded rate for each client
-viser_defects  what works round defects of viser
+viser_defects  workarounds for defects of viser
 client_values  checks of messages and of the values in them
 process        the error log, and the memory of the process
 """

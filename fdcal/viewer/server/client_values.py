@@ -1,8 +1,8 @@
-"""Checks of what a browser sends, before viser or any other code reads it.
+"""Checks of the messages of browsers, before viser or any other code reads them.
 
-A value of a control becomes a plain, bounded value. viser believes what a browser says of its camera, and stores what
-it says of a control for all other pages: a message is passed on only if the page of fdcal sends messages of its kind,
-all its numbers are finite and its camera is one that can look at something.
+viser does not check the camera that a browser reports, and stores the value of a control for all other pages. A message
+is therefore accepted only if the page of fdcal sends messages of this kind, its values are plain and bounded, and its
+camera is possible.
 """
 
 import itertools
@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 MAX_TEXT_LENGTH = 200  # characters of a text from a browser
-MAX_NUMBER = 2**53  # what a browser can count to; larger integers cannot be sent to the other browsers
+MAX_NUMBER = 2**53  # largest integer that a browser represents exactly
 
 
 def is_plain(updates) -> bool:
@@ -43,8 +43,8 @@ def fits(control, value) -> bool:
 def bounded(value, low: int, high: int, otherwise: int) -> int:
     """Return `value` rounded to an integer and clipped.
 
-    `value`: what a browser has sent; it may be anything; `low`, `high`: the bounds, both included; `otherwise`:
-    returned where `value` is not a number.
+    `value` is from a browser and may be anything; `low` and `high` are the bounds, both included; `otherwise` is
+    returned if `value` is not a number.
     """
     try:
         return min(max(round(float(value)), low), high)
@@ -74,10 +74,7 @@ DRAG_START_COST = 40.0  # each drag adds a state to the history
 
 
 def decoded_message(raw) -> dict[str, Any]:
-    """Return a message as plain data.
-
-    Raises ValueError: it is not the msgpack encoding of a message.
-    """
+    """Return a message as plain data; ValueError if it is not the msgpack encoding of a message."""
     if not isinstance(raw, bytes):
         raise ValueError("a text where a message was expected")
     message = msgspec.msgpack.decode(raw)  # its DecodeError is a ValueError
@@ -87,7 +84,7 @@ def decoded_message(raw) -> dict[str, Any]:
 
 
 def is_acceptable(message: dict[str, Any]) -> bool:
-    """Return whether a message is of a kind that the page sends, plain, finite, and a camera that can be used."""
+    """Return whether the page sends messages of this kind, all values are plain, and a camera is possible."""
     if message["type"] == "FileTransferPart":  # the only one with bytes, as many as the size of a message allows
         texts = (message.get("source_component_uuid"), message.get("transfer_uuid"))
         return isinstance(message.get("content"), bytes) and texts == ("", "") and len(message) == 5
@@ -114,14 +111,14 @@ def is_acceptable(message: dict[str, Any]) -> bool:
 
 
 def message_cost(message: dict[str, Any]) -> float:
-    """Return what a message uses up of its client's budget."""
+    """Return the cost of a message, which is taken from the budget of its client."""
     if message["type"] == "SceneNodeDragMessage" and message.get("phase") == "start":
         return DRAG_START_COST
     return COSTS.get(message["type"], 1.0)
 
 
 def _is_plain(value, depth: int, items) -> bool:
-    """Return whether data is small, with finite numbers and short texts alone."""
+    """Return whether data are small, with finite numbers and short texts only."""
     if next(items) > MAX_ITEMS or depth > MAX_DEPTH:
         return False
     if isinstance(value, str):

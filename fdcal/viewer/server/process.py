@@ -1,13 +1,13 @@
 """The process that serves the page: the log of errors, and its memory.
 
-What happens on the event loop is written to the log file alone. The terminal may be a pipe that nobody reads, and an
-event loop that waits for a reader serves no page.
+Events on the event loop are written only to the log file. The terminal may be a pipe that nobody reads, and an event
+loop that waits for a reader serves no page.
 
-Memory: 60 changes of the scene once grew the process by 363 MB, and grow it by 7 MB with `share_one_heap` and
-`release_memory` (`python -m benchmarks switches`). glibc gives every thread a heap of its own and returns little of it
-to the system; a page has some twenty threads, each of which has large arrays for a moment. viser keeps the removal of
-every control in its buffer until another browser connects. A session that was replaced is a cycle of references, by the
-callbacks of its controls: few objects and large arrays, which Python's collector finds late.
+Memory: 60 changes of the scene increase the memory by 363 MB, but by 7 MB with `share_one_heap` and `release_memory`
+(`python -m benchmarks switches`). glibc gives every thread its own heap and returns little of it to the system; a page
+has some twenty threads, each of which uses large arrays for a short time. viser keeps the removal of every control in
+its buffer until another browser connects. A session that was replaced is a cycle of references through the callbacks of
+its controls, with few objects and large arrays, which Python's collector finds late.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from ...model.storage import cache_folder
 LOG_NAME, MAX_LOG_BYTES = "view.log", 1_000_000  # one older file is kept
 MAX_RECORD = 20_000  # characters of one record in the file
 ROOT = "fdcal"  # root of this project's loggers
-OTHERS = ("asyncio", "websockets", "py.warnings")  # loggers that would print to the terminal by themselves
+OTHERS = ("asyncio", "websockets", "py.warnings")  # loggers that would otherwise print to the terminal
 
 
 def printable(text: str, limit: int = 200) -> str:
-    """Return a text of a stranger, cut to `limit` characters and without control characters."""
+    """Return a text from outside, cut to `limit` characters and without control characters."""
     cut = text if len(text) <= limit else f"{text[:limit]}..."
     return "".join(x if x.isprintable() else x.encode("unicode_escape").decode("ascii") for x in cut)
 
 
 class _OneLine(logging.Formatter):
-    """A message without its traceback, which is in the file."""
+    """Formats a message without its traceback, which is in the file."""
 
     def format(self, record) -> str:
         return f"{record.getMessage()} (details in {log_location()})" if record.exc_info else record.getMessage()
 
 
 class _Lines(logging.Formatter):
-    """Date, level, name and message with its traceback, of bounded length."""
+    """Formats date, level, name and message with its traceback, up to MAX_RECORD characters."""
 
     def format(self, record) -> str:
         lines = super().format(record)[:MAX_RECORD].split("\n")
@@ -52,8 +52,8 @@ class _Lines(logging.Formatter):
 
 
 def _off_the_event_loop(record: logging.LogRecord) -> bool:
-    """Return whether the thread that logs runs no event loop of viser, which must never wait for the terminal."""
-    if record.threadName == "MainThread":  # where viser has none, and a notebook has its own
+    """Return whether a record is not from an event loop of viser, which must never wait for the terminal."""
+    if record.threadName == "MainThread":  # on which viser has no event loop, but a notebook has one
         return True
     try:
         asyncio.get_running_loop()
@@ -64,7 +64,7 @@ def _off_the_event_loop(record: logging.LogRecord) -> bool:
 
 @contextlib.contextmanager
 def error_log() -> Iterator[None]:
-    """Log warnings and errors meanwhile; on the terminal alone where the file cannot be written."""
+    """Log warnings and errors in the block; only on the terminal if the file cannot be written."""
     terminal = logging.StreamHandler()
     terminal.setFormatter(_OneLine())
     terminal.addFilter(_off_the_event_loop)
@@ -93,7 +93,7 @@ def error_log() -> Iterator[None]:
 
 
 def log_location() -> str:
-    """Return where the log is, in words: the file's path, or the terminal."""
+    """Return the path of the log file, or "the terminal's log"."""
     for handler in logging.getLogger(ROOT).handlers:
         if isinstance(handler, logging.handlers.RotatingFileHandler):
             return handler.baseFilename
@@ -106,7 +106,7 @@ M_ARENA_MAX = -8  # of glibc's malloc.h
 
 
 def share_one_heap() -> bool:
-    """Let all threads of this process share one heap from now on; return False where malloc is not glibc's."""
+    """Make all threads of this process share one heap from now on; return False if malloc is not glibc's."""
     try:
         return ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1) == 1
     except (OSError, AttributeError):
@@ -114,11 +114,10 @@ def share_one_heap() -> bool:
 
 
 def release_memory(server: viser.ViserServer) -> None:
-    """Release what a session that was replaced has left; it takes about 0.1 s.
+    """Release the memory of a session that was replaced, in about 0.1 s.
 
-    That is viser's messages about controls that were removed, the objects of the session, and the pages of the heap.
-
-    `server`: viser.ViserServer; its collector is private, which is why its version is pinned.
+    These are viser's messages about controls that were removed, the objects of the session, and pages of the heap.
+    viser's collector is private, so that its version is pinned.
     """
     server._run_garbage_collector()
     gc.collect()

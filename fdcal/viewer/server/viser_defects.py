@@ -1,4 +1,4 @@
-"""What works round defects of viser 1.1.1, each with its defect; private parts of viser, whose version is pinned.
+"""Workarounds for defects of viser 1.1.1, which change private parts of it, so that its version is pinned.
 
 `docs/viser_defects.py` shows them with viser alone.
 
@@ -19,7 +19,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 
 class LoopEvent(asyncio.Event):
-    """An event that is set on its own event loop alone; viser sets it there, too, after every message.
+    """An event that only its own event loop sets; viser sets it there, too, after every message.
 
     `wait` finds an event unset, and then queues its future. If another thread sets the event between the two, `wait`
     never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
@@ -30,7 +30,7 @@ class LoopEvent(asyncio.Event):
         self._own = loop
 
     def set(self) -> None:
-        """Set the event where the caller runs on its event loop, else do nothing."""
+        """Set the event if the caller runs on its event loop, else do nothing."""
         with contextlib.suppress(RuntimeError):  # no event loop runs on this thread
             if asyncio.get_running_loop() is self._own:
                 super().set()
@@ -60,7 +60,7 @@ def encoded(
 
 
 def mend() -> None:
-    """Put ours in the place of viser's, for servers and clients created from now on."""
+    """Replace viser's buffer and encoder by ours, for servers and clients created from now on."""
     servers: Any = _infra
     images: Any = _scene_api
     servers.AsyncMessageBuffer, images.cv2_imencode_with_fallback = SafeMessageBuffer, encoded

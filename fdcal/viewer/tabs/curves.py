@@ -1,7 +1,7 @@
-"""The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage or a restart began.
+"""The tab Curves: error and cost against sweeps, with a tick where a stage or another start begins.
 
-The ticks have a scale of their own, from 0 at the bottom to 1 at the top. They are short and stand at the top, so that
-they hide neither the curves nor the axis. The number of the stage is in the legend.
+The ticks have their own scale, from 0 at the bottom to 1 at the top. They are short and at the top, so that they hide
+neither the curves nor the axis. The number of the stage is in the legend.
 """
 
 from typing import Any
@@ -15,8 +15,8 @@ from ..binding import Binding, Tab
 from ..plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 from ..state import PageState
 
-MAX_POINTS = 600  # of a plot, which is sent whole each time
-ZERO = 1e-9  # mm, drawn for no error, below the axis: logarithms have no zero
+MAX_POINTS = 600  # of a plot, all of which are sent each time
+ZERO = 1e-9  # mm, drawn below the axis in place of an error of zero, which has no logarithm
 TICK, HIDDEN = 0.92, 2.0  # lower end of a tick; a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 # The ticks have no value in the legend, and the number of a stage has no point in the plot.
@@ -28,10 +28,7 @@ REMARK = (
 
 
 class CurvesTab(Tab):
-    """Owns the plots and the numbers that they show.
-
-    `error`: Plot of the position errors, or None where the true positions are unknown.
-    """
+    """Owns the plots and their numbers; `error` is the plot of the position errors, or None if they are unknown."""
 
     where = "Curves"
     interval = 0.25
@@ -39,10 +36,10 @@ class CurvesTab(Tab):
     def __init__(self, binding: Binding):
         gui, measurement, sought = binding.gui, binding.measurement, binding.run.sought
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
-        self._sought = sought  # microphones whose errors count
-        self._states: list[Any] = []  # whose numbers are in _rows
+        self._sought = sought  # microphones whose errors are averaged
+        self._states: list[Any] = []  # the states of `_rows`
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage, restart
-        self._decades = range(0)  # of the errors of this run, which only grow
+        self._decades = range(0)  # of the errors of this run so far
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
@@ -54,12 +51,12 @@ class CurvesTab(Tab):
         self.plots = tuple(filter(None, (self.error, self.cost)))
 
     def inputs(self, state: PageState) -> tuple:
-        """Return what the curves show."""
+        """Return the values on which the curves depend."""
         view = state.view
         return view.history[-1], view.count, view.lineage, view.costs.count, state.sought
 
     def show(self, state: PageState) -> None:
-        """Bring the plots up to date."""
+        """Update the plots."""
         view, sought = state.view, state.sought
         if sought is not None and not np.array_equal(sought, self._sought):
             self._sought, self._states, self._rows, self._decades = sought, [], [], range(0)
@@ -74,12 +71,12 @@ class CurvesTab(Tab):
         if self.error is not None:
             drawn_errors = np.concatenate([mean, largest])
             decades = decades_of(drawn_errors[drawn_errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
-            ends = [*self._decades, *decades]  # a drag that ends the better part of a run leaves the axis as it is
+            ends = [*self._decades, *decades]  # so that the axis does not change if a drag discards later states
             self._decades = range(min(ends), max(ends) + 1)
             self.error.show(_with_ticks(x, (mean, largest), drawn, begins, stage), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
         known = np.flatnonzero(np.isfinite(cost))
-        if len(known):  # between the costs that are known the curve is straight
+        if len(known):  # the curve is interpolated between the known costs
             cost = np.interp(np.arange(len(cost)), known, cost[known])
             self.cost.show(_with_ticks(x, (cost,), drawn, begins, stage))
 
@@ -98,8 +95,7 @@ class CurvesTab(Tab):
 
 
 def _with_ticks(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a tick at each of `begins`, and the number of the
-    stage, from 1."""
+    """Return the columns of a plot: curves at the `drawn` points, a tick at each of `begins`, number of the stage."""
     at = np.concatenate([drawn, np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
     ticks = np.full(len(at), HIDDEN)

@@ -1,4 +1,4 @@
-"""The tab Map: of which microphone and modes the map is, and how it is drawn."""
+"""The tab Map: the microphone and the modes of the map, and how it is drawn."""
 
 from collections.abc import Callable
 
@@ -34,9 +34,9 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
 
 
 def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
-    """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
+    """Return the caption of a map as HTML: its local minima, the cost at the estimated position, the lowest cost.
 
-    `measurement`: whose modes or, of several takes, rows are summed; `orders`: of the modes, in words. Returns HTML.
+    `orders`: those of the modes, in words.
     """
     if drawn is None:
         return ""
@@ -73,16 +73,16 @@ LABELS = {
 
 
 class MapTab(Tab):
-    """Owns the controls of the tab, each of which is shown where it has an effect on the kind of map.
+    """Owns the controls of the tab, each of which is visible if it has an effect on the kind of map.
 
-    `kinds`: of maps that there can be.
+    `kinds`: the kinds of map that are possible.
     """
 
     where, order = "Map", 1
 
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
-        self._caption, self._risen = Memo(), ""  # and the kind of map that `rise` has chosen
+        self._caption, self._risen = Memo(), ""  # `_risen` is the kind of map that `rise` has chosen
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
         labels = {LABELS[kind]: kind for kind in self.kinds}
         choices, row, choose = binding.choices, binding.row, binding.choose
@@ -139,7 +139,7 @@ class MapTab(Tab):
         self._binding.choose(microphone=number, follow=False)
 
     def pick(self, number: int) -> None:
-        """Show the map of a microphone that was chosen outside of the tab; of the last one beyond it."""
+        """Show the map of a microphone that was chosen outside of the tab; the number is clipped to the array."""
         self.choose_microphone(min(max(number, 0), self._binding.measurement.count - 1))
         self.microphone.value = self._binding.choices.microphone
 
@@ -154,7 +154,7 @@ class MapTab(Tab):
         self.text.value = SOLVER if modes is None else modes_text(modes)
 
     def _read(self, text) -> None:
-        """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
+        """Show the map of the modes that a text names; for an invalid text, show only the error."""
         try:
             modes = None if text == SOLVER else parse_modes(text, self._binding.modes)
         except InputError as error:
@@ -163,28 +163,28 @@ class MapTab(Tab):
         self._binding.choose(modes=modes, modes_error="")
 
     def show_as(self, kind: str) -> None:
-        """Show one of `kinds`; a flat map in place of one that there cannot be."""
+        """Show a kind of map, or a flat map if that kind is not possible."""
         self._binding.choose(kind=kind if kind in self.kinds else "flat")
 
     def show_some(self) -> None:
-        """Show a flat map where there is none."""
+        """Show a flat map if no map is shown."""
         if self._binding.choices.kind == "none":
             self.show_as("flat")
 
     def rise(self) -> None:
-        """Show what stands in space in place of a flat map: the isosurfaces, or the relief of an array in a plane."""
+        """Replace a flat map by isosurfaces, or by a relief for a plane array."""
         if self._binding.choices.kind == "flat":
             self._risen = "volume" if "volume" in self.kinds else "relief"
             self.show_as(self._risen)
 
     def lie(self) -> None:
-        """Show the flat map again after `rise`, unless another kind was chosen since."""
+        """Show the flat map again after `rise`, unless another kind was chosen in between."""
         if self._binding.choices.kind == self._risen:
             self.show_as("flat")
         self._risen = ""
 
     def show(self, tick: PageState) -> None:
-        """Let the microphone and the caption follow what is drawn."""
+        """Update the microphone and the caption."""
         binding, run, choices, drawn = self._binding, self._binding.run, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider

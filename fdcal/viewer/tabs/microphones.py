@@ -1,6 +1,6 @@
 """The tab Mics: the error of each microphone against its distance from the first known one, and tables.
 
-The tables are of the positions, of gain, phase and noise of each channel, and of the given positions as corrected.
+The tables have the positions, gain, phase and noise of each channel, and the corrections of the given positions.
 """
 
 from html import escape
@@ -25,7 +25,7 @@ SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row
 
 
 def given_table(channels: Channels | None) -> str:
-    """Return a table of the given positions as corrected, the most corrected first; "" where there are none."""
+    """Return a table of the given positions and their corrections, the largest first; "" if none is given."""
     if channels is None or not channels.given:
         return ""
     rows = []
@@ -45,9 +45,9 @@ def position_table(
 ) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
-    `positions` (N, D) float64, metres, estimated; `sigma` (N,) float64, metres, one standard deviation of each, or
-    None; `selected`: the microphone of the map, counted from 0; `sought`: numbers of the microphones by which a blind
-    array is aligned; all unless given. Returns HTML, MAX_ROWS rows at most.
+    `positions` (N, D) float64, metres, are estimated; `sigma` (N,) float64, metres, is their standard deviation, or
+    None; `selected` is the microphone of the map, counted from 0; `sought` are the numbers of the microphones by which
+    a blind array is aligned, by default all. The table has MAX_ROWS rows at most.
     """
     errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
@@ -66,11 +66,11 @@ def position_table(
     return STYLE + table(("mic<br>", "position<br>(m)", *error, "&plusmn; &sigma;<br>(mm)"), rows) + below
 
 
-FINEST = 1e-5  # metres, in the table: finer digits mean nothing, as a sigma of 0.00411 mm beside an error of 0
+FINEST = 1e-5  # metres, smallest length in the table
 
 
 def _millimetres(length: float) -> str:
-    """An error or a sigma, metres, as millimetres."""
+    """Return an error or a sigma, metres, in millimetres as a text."""
     text = mm_text(length)
     return text if length >= FINEST or text == "0" else f"&lt; {mm_text(FINEST)}"
 
@@ -103,7 +103,7 @@ class MicrophonesTab(Tab):
         self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
     def panel(self, name: str) -> str:
-        """Return what a lesson shows below its text, as `LessonSetting.panel` calls it; "" while it is not known."""
+        """Return the panel of a lesson, by its name in `LessonSetting.panel`; "" while its content is not known."""
         state, view = self._binding.state, self._binding.state.view
 
         def make() -> str:
@@ -112,11 +112,11 @@ class MicrophonesTab(Tab):
         return self._panel(make, name, view.state, view.index, state.found)
 
     def inputs(self, state: PageState) -> tuple:
-        """Return what plot and tables show."""
+        """Return the values on which plot and tables depend."""
         return state.view.state, state.view.index, state.microphone, state.found, state.axes
 
     def show(self, tick: PageState) -> None:
-        """Bring plot and tables up to date."""
+        """Update plot and tables."""
         view, measurement = tick.view, self._binding.measurement
         found = tick.found if tick.axes is not None else None
         drawn = self.by_distance and errors_by_distance(measurement, view.history[: view.index + 1])

@@ -16,18 +16,17 @@ from ..plots import BLUE, ORANGE, RED, dots
 from ..state import PageState
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
-MAX_POINTS = 700  # of the spectrum: a plot is sent whole each time
-ABOVE, BELOW = 6.0, 8.0  # dB by which the plot exceeds the strongest and the weakest peak
-MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
-HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
+MAX_POINTS = 700  # of the spectrum, all of which are sent each time
+ABOVE, BELOW = 6.0, 8.0  # dB from the strongest peak to the top of the plot, and from the weakest to the bottom
+MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
+HIDDEN = -1e3  # dB, below the plot, for points without a value: uPlot cannot draw NaN
 
 
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
-    """Return the spectrum and the levels of its peaks.
+    """Return the spectrum of a measurement, or None, and the levels of its first `modes` peaks.
 
-    `modes`: number of modes. Returns `spectrum` (2, F) float64, Hz and dB re its maximum, the greatest of each of
-    MAX_POINTS intervals; or None; `peaks` (modes,) float64, dB; without a spectrum of the modes' own mean power, re the
-    greatest.
+    The spectrum is (2, F) float64, Hz and dB re its maximum, with the greatest level of each of MAX_POINTS intervals.
+    The peaks are (modes,) float64, dB; without a spectrum they are the mean powers of the modes, re the greatest.
     """
     f = measurement.frequencies[:modes]
     if measurement.spectrum is None:
