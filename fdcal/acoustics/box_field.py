@@ -71,9 +71,9 @@ def require_affordable(source: Source, sensing: Sensing, microphones: int) -> No
     band = sensing.highest - sensing.lowest
     values = microphones * band * source.duration * POINTS / LINE_WIDTH
     if values > LIMITS.field_values:
-        most = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
+        longest = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
         why = f"resolves {values:.3g} values of the spectrum from {sensing.lowest:g} Hz to {sensing.highest:g} Hz at"
-        remedy = f"use at most {most:.3g} s, a narrower band or fewer microphones"
+        remedy = f"use at most {longest:.3g} s, a narrower band or fewer microphones"
         raise refusal("source.duration", source.duration, f"{why} {microphones} microphones", remedy, "s")
 
 

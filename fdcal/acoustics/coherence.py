@@ -1,4 +1,4 @@
-"""What the pressures of an array show before any position is known: its extent, and whether there is but one wave.
+"""Properties of an array's pressures before any position is known: its radius, and whether there is only one wave.
 
 The mean of the pressures over an array loses power as the array grows beyond a wavelength. In a diffuse field
 
@@ -8,11 +8,11 @@ for microphones spread evenly over a disc or a ball of radius R. Each frequency 
 exponentially distributed, so that the radius is the one of the highest likelihood over all frequencies. It is good to
 a factor of about 1.5; gains scale each channel and are divided out.
 
-At one frequency a single wave, as without any reflection, has the same power at every microphone, but for what a near
-source and the channels' gains add, which is the same at every frequency. The field of a room has places of high and of
-low pressure. With q_mn the power of a channel over its own mean and over that of the frequency, the variance of q over
-the microphones is near 0 for a single wave and near 1 for a diffuse field. Only frequencies count whose phases spread
-over the array: below, the pressure is the same everywhere in any field.
+A single wave, without any reflection, has the same power at every microphone, except for factors of the channels' gains
+and of a near source, which are the same at every frequency. In a room the power varies from point to point. With q_mn
+the power of a channel over its own mean and over that of the frequency, the variance of q over the microphones is near
+0 for a single wave and near 1 for a diffuse field. Low frequencies, at which the phase hardly varies over the array,
+are not used, because there the pressure is the same everywhere in any field.
 """
 
 import numpy as np
@@ -56,9 +56,9 @@ SINGLE_WAVE = "the pressures are those of a single wave that passes the array: t
 SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times give the positions"
 
 
-COHERENT = 0.5  # power of the mean pressure over the mean power, below which the phases spread over the array
-MIN_SPREAD = 5  # fewest frequencies at which they do
-SINGLE_VARIANCE = 0.06  # largest median variance of the power over the microphones; of a room's field it is 0.2
+COHERENT = 0.5  # power of the mean pressure over the mean power, below which the phase varies over the array
+MIN_VARYING = 5  # least number of such frequencies
+SINGLE_VARIANCE = 0.06  # largest median variance of the power over the microphones; in a room it is 0.2
 
 
 def is_single_wave(pressures: Complexes) -> bool:
@@ -68,8 +68,8 @@ def is_single_wave(pressures: Complexes) -> bool:
     own = np.mean(np.abs(p) ** 2, axis=0)
     p = p / np.sqrt(np.maximum(own, 1e-12 * own.max()))
     mean = np.mean(np.abs(p) ** 2, axis=1)
-    spread = np.abs(p.mean(axis=1)) ** 2 < COHERENT * mean
-    if np.sum(spread) < MIN_SPREAD:
+    varying = np.abs(p.mean(axis=1)) ** 2 < COHERENT * mean
+    if np.sum(varying) < MIN_VARYING:
         return False
-    power = np.abs(p[spread]) ** 2 / mean[spread, None]
+    power = np.abs(p[varying]) ** 2 / mean[varying, None]
     return bool(np.median(np.var(power, axis=1)) < SINGLE_VARIANCE)

@@ -3,7 +3,8 @@
 numba stores machine code beside the source, or in the user's cache folder if the source is read-only. A read-only
 installation stores it under FDCAL_CACHE if that is set. If no folder can be written to, every run compiles again.
 
-What a calibration needs is not compiled: a first run would wait for the compiler, and every run for numba to load.
+The functions of a calibration are not compiled, since its first run would wait for the compiler, and every run for
+numba to load.
 """
 
 import functools
@@ -23,7 +24,7 @@ Found = TypeVar("Found")
 
 @functools.cache
 def _compiler() -> Callable[..., Any]:
-    """Return `numba.njit`, loaded with the first module that has something to compile."""
+    """Return `numba.njit`, which is loaded with the first function to compile."""
     import numba
     from numba.core import config
 
@@ -63,7 +64,8 @@ def shut_down_threads() -> None:
 def parallel_map(function: Callable[[Item], Found], items: Iterable[Item], worth: bool = True) -> Iterator[Found]:
     """Return an iterator over the values of a function for all items, in their order, computed on all cores.
 
-    The function must not call `parallel_map`: a deadlock. `worth`: false for so little work that one core is faster.
+    The function must not call `parallel_map`, which would be a deadlock. `worth` is false for so little work that one
+    core is faster.
     """
     items = list(items)
     runs = [partial(copy_context().run, function, item) for item in items]  # with the deadline of this thread
@@ -77,14 +79,14 @@ _time_is_up: ContextVar[Callable[[], bool] | None] = ContextVar("time_is_up", de
 
 
 class OutOfTime(Exception):
-    """The time of a calculation is used up."""
+    """The time limit of a calculation has passed."""
 
 
 @contextmanager
 def deadline(end: float, clock: Callable[[], float]) -> Generator[None]:
-    """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`.
+    """Make `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`.
 
-    A deadline holds in the thread that sets it, and in those of `parallel_map` that work for it.
+    A deadline applies to the thread that sets it, and to those of `parallel_map` that work for it.
     """
     token = _time_is_up.set(lambda: clock() > end)
     try:

@@ -160,9 +160,9 @@ def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
 
 Progress = Callable[[float], None]
 
-REPORTS = 50  # calls of `progress` in one run
-CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C, a few hundredths of a second
-MOST_SAMPLES = 500_000_000  # of all recordings together, 4 GB
+REPORTS = 50  # number of calls of `progress` in a run
+CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C: a few hundredths of a second
+MAX_SAMPLES = 500_000_000  # of all recordings together, 4 GB
 TAPS = 3.3  # length of a Hamming-windowed filter times its transition width over fs
 
 
@@ -197,7 +197,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     fs = source.band.sample_rate
     grid = make_grid(room, fs)
     samples, taps = round(source.duration * fs), pulse_length(source)
-    if samples * max(len(receivers), 1) > MOST_SAMPLES:
+    if samples * max(len(receivers), 1) > MAX_SAMPLES:
         raise refusal("source.duration", source.duration, "makes recordings of over 4 GB", "use a shorter one", "s")
     if samples < taps:
         remedy = f"use at least {math.ceil(1000 * taps / fs) / 1000:g} s, or a higher source.low"

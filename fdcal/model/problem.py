@@ -21,7 +21,7 @@ def mode_power(pressures: Numbers) -> np.ndarray:
 class ShortWindows:
     """Spectra of many short windows of a recording, in groups of one take and frequency.
 
-    Raises InputError where shapes disagree or a value is not finite.
+    InputError if shapes disagree or a value is not finite.
     """
 
     frequencies: np.ndarray  # (G,) float64, Hz

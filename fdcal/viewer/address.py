@@ -30,7 +30,7 @@ MAX_MODES_TEXT = 60  # characters of the modes of a map: a command with the came
 
 
 def camera_of(address: Mapping[str, str]) -> Camera | None:
-    """Return the camera in an address; None if there is none. Raises InputError for a camera that looks at nothing."""
+    """Return the camera in an address; None if there is none; InputError for a camera without a direction."""
     text = address.get("view", "")
     if text.count(",") < 9:
         return None
@@ -42,7 +42,7 @@ def camera_of(address: Mapping[str, str]) -> Camera | None:
 
 
 def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
-    """Return what the address says of a session, or of a lesson; the camera of each browser is added there."""
+    """Return the address of the view of a session, or of a lesson; each browser adds its camera."""
     if lesson:
         return f"lesson={quote(lesson)}&part={part}"
     choices, state = viewer.binding.choices, viewer.run.session.view.state
@@ -71,7 +71,7 @@ class AddressBar:
     def open(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Show what a link names, in the browser that has followed it and all others.
 
-        Raises InputError: there is no such scene, lesson, microphone or mode.
+        InputError if there is no such scene, lesson, microphone or mode.
         """
         viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:

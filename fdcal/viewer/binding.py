@@ -133,7 +133,7 @@ class Binding:
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
         """Do what the control of a command does if it gets the value in `text`; a checkbox is toggled.
 
-        Raises InputError: the control cannot have that value.
+        InputError if the control cannot have that value.
         """
         handle, answer = self.commands[command]
         options, value = getattr(handle, "options", None), getattr(handle, "value", None)

@@ -300,7 +300,7 @@ class Overlay:
 
 
 def whole(value: str, low: int, high: int) -> int:
-    """Return a whole number of a command, bounded. Raises InputError: it is none."""
+    """Return the whole number in a command, within bounds; InputError if it is not one."""
     if not re.fullmatch(r"-?[0-9]{1,9}", value):
         raise InputError(f'"{value[:40]}" is not a whole number', f"use {low} to {high}", value=value)
     return min(max(int(value), low), high)

@@ -20,17 +20,17 @@ MEASURED = (
 OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate this scene and restart")
 
 
-# Between which bounds the controls can be set: of the array, metres; of the walls, %; dB; %.
+# Bounds of the controls: radius in metres, absorption in %, SNR in dB, error of the sound speed in %.
 MICROPHONES, RADII, ABSORPTION, SNR, SPEED_ERROR = (4, 150), (0.05, 3.0), (0.1, 99.0), (-10, 90), (-5.0, 5.0)
-DEFAULT_SNR, MAX_SEED = 40, 2**31 - 1  # dB, where the slider stands when noise is switched on
-MAX_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
+DEFAULT_SNR, MAX_SEED = 40, 2**31 - 1  # dB, value of the slider when noise is switched on
+MAX_TYPED = 1e5  # m, so that a radius in millimetres gets a message; a larger number is dropped
 RADIUS = f"{RADII[0]:g} to {RADII[1]:g} m"
-# In place of keys of the scene's file, which the page does not have.
+# A remedy for problems whose remedy names keys of the scene's file, which the page does not show.
 SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 
 
 class SceneTab(Tab):
-    """Owns the controls of the tab. Nothing changes before Apply; a scene that is refused changes nothing."""
+    """Owns the controls of the tab. The session does not change before Apply, nor if the scene is refused."""
 
     where = "Scene"
 
@@ -40,7 +40,7 @@ class SceneTab(Tab):
         if name not in scene_names():
             self._own_name = name
         elif isinstance(self._scene, MeasuredScene) and not self._scene.file:
-            self._own_name = f"{name} (measured)"  # a measurement whose file has the name of a scene is another thing
+            self._own_name = f"{name} (measured)"  # distinguishes it from the scene of the same name
         gui, walls = binding.gui, self._scene.room.walls
         names = (*scene_names(), *([self._own_name] if self._own_name else []))
         self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
@@ -104,9 +104,9 @@ class SceneTab(Tab):
         self.known.value = parameters.known
 
     def refresh(self) -> None:
-        """Let visibility and limits follow the values of the controls.
+        """Adapt visibility and limits of the controls to their values.
 
-        The known microphones are enough to fix the gauge, and leave at least one microphone that is not known.
+        The number of known microphones is enough to fix the gauge, and leaves at least one microphone to be found.
         """
         if isinstance(self._scene, MeasuredScene):
             return
@@ -118,7 +118,7 @@ class SceneTab(Tab):
         self.known.min, self.known.max = low, high
 
     def choose(self, name: str) -> None:
-        """Show the parameters of another scene; those of the page's own scene are as it is now, not as in its file."""
+        """Show the parameters of another scene; those of the page's own scene are the present ones."""
         try:
             self._show_scene(self._binding.run.scene if name == self._own_name else load_scene(name))
         except (InputError, StorageError) as error:
@@ -126,8 +126,7 @@ class SceneTab(Tab):
 
     @property
     def parameters(self) -> SceneParameters:
-        """The parameters that the controls show; a control that was not touched gives the scene's own value, which it
-        may show rounded."""
+        """The parameters of the controls; a control that was not changed gives the scene's value, not rounded."""
         old, count = parameters_of(self._scene), self.microphones.value
         absorbing = self.walls.value == "absorbing" and self._scene.room.response is None
         return SceneParameters(
@@ -142,9 +141,9 @@ class SceneTab(Tab):
         )
 
     def _check_radius(self) -> bool:
-        """Whether the radius is possible; the message says so if it is not."""
+        """Return whether the radius is possible; if not, show a message."""
         value, (low, high) = self.radius.value, RADII
-        own = abs(value - parameters_of(self._scene).radius) <= 1e-4  # of its file, which may be larger
+        own = abs(value - parameters_of(self._scene).radius) <= 1e-4  # the scene's own radius may be larger
         possible = own or (math.isfinite(value) and low <= value <= high)
         text = "" if possible else f"Array radius = {value:g} m is not possible; use {RADIUS}"
         self.message.content = html.complaint(text)
@@ -153,7 +152,7 @@ class SceneTab(Tab):
     def press(self) -> None:
         """Open the changed scene, or say in one line why it is refused."""
         if isinstance(self._scene, MeasuredScene):
-            if self._scene.file:  # a client can press what is hidden
+            if self._scene.file:  # a client can press a hidden button
                 self._binding.open(OpenRequest(self._scene, fewer_modes=True))
             return
         if not self._check_radius():
@@ -169,5 +168,5 @@ class SceneTab(Tab):
 
 
 def _unless_same(value: float, old: float, rounding: float) -> float:
-    """Return the scene's own value where the control shows that value, rounded."""
+    """Return the scene's own value if the control shows that value, rounded."""
     return old if abs(value - old) <= rounding else value
