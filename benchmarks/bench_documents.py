@@ -176,6 +176,7 @@ FIGURES: dict[str, Callable[[], str]] = {
     "record": lambda: excerpt("record", printed(RECORD)),
     "doctor-frl": lambda: excerpt("doctor-frl", printed(DOCTOR)),
     "frl-error": lambda: one(MEAN, printed(MEASURED), MILLIMETRES),
+    "frl-verdict": lambda: f"`{re.findall(r'^verdict (.*?):', printed(MEASURED), re.MULTILINE)[0]}`",
     "frl-scene": lambda: one(MEAN, printed("fdcal calibrate frl_array"), MILLIMETRES),
     "frl-sigma": lambda: one(r"error .*" + SIGMA, printed(MEASURED), MILLIMETRES),
     "plate-import": lambda: excerpt("plate-import", tutorial()[0]),
