@@ -34,7 +34,7 @@ WANTED, FEWEST = 10, 10
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "40"))
 FAMILIES_WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
 FALLS = 0.8  # of the error before
-LOUDER_DB, LONGER = 10.0, 4.0
+LOUDER_DB = 10.0
 FEWER = 0.35  # of the modes, as of somebody who has chosen few
 
 
@@ -105,13 +105,14 @@ def with_distance(job: Job) -> CalibrationInput:
 
 # Words of a verdict, as `InputError` writes arguments, and what somebody does who follows them.
 REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
-    "use fewer modes": lambda job: in_modes(job, len(job.result.frequencies) // 2),
     "use modes ": lambda job: in_modes(job, int(job.result.verdict_text.partition("use modes ")[2].split(",")[0])),
     "give the positions of microphones": more_known,
     "closer together": lambda job: rebuilt(job, size=job.case.spec.size / 2),
     "record another take": lambda job: rebuilt(job, takes=job.case.spec.takes + 1),
-    "measure longer, louder": lambda job: rebuilt(job, snr=(job.case.spec.snr or 60.0) + LOUDER_DB),
-    "a longer time_limit": lambda job: replace(job.inputs, time_limit=LONGER * 45),
+    "10 dB louder": lambda job: rebuilt(job, snr=(job.case.spec.snr or 60.0) + LOUDER_DB),
+    "use time_limit ": lambda job: replace(
+        job.inputs, time_limit=float(job.result.verdict_text.split("time_limit ")[1])
+    ),
     "leave faulty ones out": without_faulty,
     "check the positions and the cables": measured_again,
     "give one distance with estimate_sound_speed": with_distance,

@@ -348,7 +348,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     # code, condition, words, remedy, limit, its reason
     Finding("too_noisy", lambda seen, limit: seen.noise_fraction > limit,
             lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
-            "measure longer, louder, or use fewer modes (<modes>)",
+            "measure ten times longer, or 10 dB louder",
             0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array, because there are hardly any reflections"),

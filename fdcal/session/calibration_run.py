@@ -111,6 +111,7 @@ def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessm
     return kept if len(kept) else sought
 
 
+LONGER = 4.0  # factor on a time limit that was too short
 FREE_SOUND_SPEED = 0.05  # relative, one sigma of a sound speed before it is estimated: 30 K in air
 
 
@@ -239,10 +240,10 @@ def last_state(
     except OutOfTime:
         if state is None:
             fault = f"the {limit:g} s of processor time were used up before there were positions of microphones"
-            remedy = "give a longer <time_limit>, or fewer microphones (<exclude>)"
+            remedy = f"use <time_limit> {LONGER * limit:g}, or fewer microphones (<exclude>)"
             raise InputError(fault, remedy, key="time_limit", value=limit) from None
-        why = f"the solver was stopped after {limit:g} s of processor time; use fewer modes (<modes>) or a longer"
-        return ended_early(state), f"{why} <time_limit>", end
+        why = f"the solver was stopped after {limit:g} s of processor time; use <time_limit> {LONGER * limit:g}"
+        return ended_early(state), why, end
     except KeyboardInterrupt:
         if state is None:
             raise
