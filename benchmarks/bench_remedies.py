@@ -113,7 +113,7 @@ REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
     "use time_limit ": lambda job: replace(
         job.inputs, time_limit=float(job.result.verdict_text.split("time_limit ")[1])
     ),
-    "leave faulty ones out": without_faulty,
+    "leave them out": without_faulty,
     "check the positions and the cables": measured_again,
     "give one distance with estimate_sound_speed": with_distance,
 }
