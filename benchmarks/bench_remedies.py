@@ -85,17 +85,6 @@ def measured_again(job: Job) -> CalibrationInput:
     return replace(job.inputs, measurement=with_known(job.inputs.measurement, places))
 
 
-def without_faulty(job: Job) -> CalibrationInput:
-    """Return the inputs without the channels that are called faulty."""
-    faulty = tuple({one.name for one in job.result.channels.faults}) if job.result.channels else ()
-    file = io.BytesIO()
-    np.savez(file, **job.case.table)
-    file.seek(0)
-    if not faulty:
-        raise InputError("no channel is called faulty")
-    return measurement_input(load_measurement(file, faulty), "case", settings=job.inputs.settings)
-
-
 def with_distance(job: Job) -> CalibrationInput:
     """Return the inputs with one distance."""
     first, second = 0, len(job.case.positions) // 2
@@ -113,7 +102,6 @@ REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
     "use time_limit ": lambda job: replace(
         job.inputs, time_limit=float(job.result.verdict_text.split("time_limit ")[1])
     ),
-    "leave them out": without_faulty,
     "check the positions and the cables": measured_again,
     "give one distance with estimate_sound_speed": with_distance,
 }

@@ -116,13 +116,6 @@ def test_any_setting_of_the_solver_is_an_argument(tiny):
     assert fdcal.calibrate(tiny, settings=replace(fdcal.load_scene("tiny").solver, modes=9)).frequencies.size == 9
 
 
-def test_a_verdict_read_in_python_names_arguments(tiny):
-    pressures = np.array(tiny.pressures)
-    pressures[:, 1::3] *= -1
-    found = fdcal.calibrate(replace(tiny, pressures=pressures))
-    assert found.verdict == "model_mismatch" and found.verdict_text.endswith("leave them out with exclude 1,4,7,10,13")
-
-
 def test_progress_is_reported_and_may_end_the_run(tiny):
     seen = []
     fdcal.calibrate(tiny, modes=11, progress=lambda done, note: seen.append(done))

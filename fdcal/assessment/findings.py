@@ -359,8 +359,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
                          f" {_named([*seen.faulty.values()])}: too few are left that agree",
-            lambda seen: "check cables and gains, or leave them out with <exclude>"
-                         f" {','.join(fault.name for fault in seen.faulty.values())}",
+            "check their cables and gains",
             0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
