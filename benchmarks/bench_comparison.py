@@ -2,7 +2,7 @@
 
 Each row of the table is one kind of array, room, sound and number of takes; rooms are made by image sources
 (pyroomacoustics) at 8 kHz. Every method is blind: it knows neither microphones nor sources. The other methods are
-told whether an array is plane; fdcal has to find out. Prints a table in Markdown: the median over the draws of the RMS
+given whether an array is plane; fdcal has to find out. Prints a table in Markdown: the median over the draws of the RMS
 position error after the best rigid motion, in millimetres, with the greatest in brackets, and the processor's seconds.
 `python -m benchmarks.bench_comparison ROW...` draws some rows alone.
 """

@@ -52,17 +52,17 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
 
 @pytest.fixture
 def saving(viewer):
-    """What makes files, and a client that notes what it is told and sent."""
-    made, told, got = viewer.tabs.export, [], []
+    """What makes files, and a client that keeps its notifications and files."""
+    made, notifications, got = viewer.tabs.export, [], []
     client = SimpleNamespace(
-        add_notification=lambda *words, **_: told.append(words),
+        add_notification=lambda *words, **_: notifications.append(words),
         send_file_download=lambda name, *_, **__: got.append(name),
     )
-    return made, client, told, got
+    return made, client, notifications, got
 
 
 def test_every_page_gets_its_file(viewer, saving, monkeypatch):
-    made, client, told, got = saving
+    made, client, notifications, got = saving
     gate, count = threading.Event(), exports.MAX_WAITING + 9
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
     viewer.binding.choose(export_kind="gated")
@@ -73,11 +73,11 @@ def test_every_page_gets_its_file(viewer, saving, monkeypatch):
     gate.set()
     assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
     assert len(got) >= exports.MAX_WAITING and got == [f"fdcal-{number}-step-0.x" for number in range(len(got))]
-    assert [title for title, *_ in told] == (count - len(got)) * ["Too many files are waiting"]
+    assert [title for title, *_ in notifications] == (count - len(got)) * ["Too many files are waiting"]
 
 
 def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch):
-    made, client, told, _ = saving
+    made, client, notifications, _ = saving
 
     def fail(_):
         raise OSError("disk full")
@@ -86,7 +86,7 @@ def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monk
     viewer.binding.choose(export_kind="broken")
     made.save(client)
     assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
-    ((title, body, *_),) = told
+    ((title, body, *_),) = notifications
     assert title == "The file could not be made" and "disk full" in body
 
 
