@@ -1,7 +1,7 @@
 """Each remedy that a verdict prints, followed: does the error fall, or does the verdict become true?
 
-Jobs are the cases of `benchmarks.field`, with the modes that fdcal chooses and with a part of them, family by family,
-until WANTED of them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless given) have been tried.
+Jobs are the cases of `benchmarks.field`, each calibrated by several users (USERS), family by family, until WANTED of
+them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless given) have been tried.
 The table REMEDIES maps the words that fdcal can print to the action of somebody who follows them. A remedy helps if
 the RMS error falls by a fifth, or if the answer is called good and is right (`benchmarks.field.score`). A remedy that
 cannot be followed, such as more modes if all are in use, counts as no help. A remedy that does not help in most jobs
@@ -11,7 +11,7 @@ does not belong into a verdict.
 import io
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,6 +27,7 @@ from fdcal.session.sources import CalibrationInput, measurement_input, with_mode
 from .field.cases import Case, NoCaseError, build
 from .field.families import FAMILIES
 from .field.score import CONFIDENT_ERROR, RIGHT_ERROR, RMS_SIGMAS, _aligned
+from .field.spec import Spec
 from .report import Figure
 
 ALONE = True
@@ -36,6 +37,9 @@ FAMILIES_WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").s
 FALLS = 0.8  # of the error before
 LOUDER_DB = 10.0
 FEWER = 0.35  # of the modes, as of somebody who has chosen few
+WIDER = 1.6  # of the size of the array, as of somebody who uses all modes with too few microphones
+SHORT = 1.5  # seconds, as of somebody who does not want to wait
+GIVEN, WRONG, OFFSET = 6, 2, 0.1  # given positions, how many of them are wrong, and by how many metres
 
 
 @dataclass(frozen=True)
@@ -124,15 +128,58 @@ def judged(case: Case, result: Calibration) -> tuple[float, bool]:
     return error, result.verdict == "good" and right
 
 
-def jobs() -> Iterator[Job]:
-    """Yield the cases, each calibrated with the modes that fdcal chooses, and with a part of all."""
+def few_modes(spec: Spec) -> tuple[Case, CalibrationInput]:
+    """Return the inputs of somebody who uses a part of the modes."""
+    case, inputs = by_default(spec)
+    return case, with_settings(inputs, modes=round(FEWER * len(inputs.measurement.frequencies)))
+
+
+def by_default(spec: Spec) -> tuple[Case, CalibrationInput]:
+    """Return the inputs of somebody who leaves everything to fdcal."""
+    case = build(spec, Path(cache_folder()) / "field")
+    return case, inputs_of(case)
+
+
+def every_mode(spec: Spec) -> tuple[Case, CalibrationInput]:
+    """Return the inputs of somebody who uses all modes with an array that is too large for them."""
+    case, inputs = by_default(replace(spec, size=WIDER * spec.size, beyond=True))
+    return case, with_settings(inputs, modes=len(inputs.measurement.frequencies))
+
+
+def impatient(spec: Spec) -> tuple[Case, CalibrationInput]:
+    """Return the inputs of somebody who does not want to wait."""
+    case, inputs = by_default(spec)
+    return case, replace(inputs, time_limit=SHORT)
+
+
+def wrong_list(spec: Spec) -> tuple[Case, CalibrationInput]:
+    """Return the inputs of somebody who gives positions of which two are wrong."""
+    case, inputs = by_default(replace(spec, known=GIVEN, known_mode="all", fault=None))
+    places = {str(n): case.positions[n].copy() for n in case.known}
+    for name in list(places)[:WRONG]:
+        places[name][0] += OFFSET
+    return case, replace(inputs, measurement=with_known(inputs.measurement, places))
+
+
+# Who calibrates, and what of REMEDIES he is hoped to print; a user for whom all of this has been printed rests.
+ANY = ("",)
+USERS: tuple[tuple[Callable[[Spec], tuple[Case, CalibrationInput]], tuple[str, ...]], ...] = (
+    (by_default, ANY),
+    (few_modes, ANY),
+    (every_mode, ("use modes ", "closer together")),
+    (impatient, ("use time_limit ",)),
+    (wrong_list, ("check the positions and the cables",)),
+)
+
+
+def jobs(printed: Mapping[str, list[int]]) -> Iterator[Job]:
+    """Yield the cases, each calibrated by the users who may still print something new."""
     for spec in (spec for name in FAMILIES_WANTED for spec in FAMILIES[name](DRAWS)):
-        for part in (None, FEWER):
+        for inputs_for, hoped in USERS:
+            if all(tried[0] >= WANTED for words, tried in printed.items() if words.startswith(hoped)):
+                continue
             try:
-                case = build(spec, Path(cache_folder()) / "field")
-                inputs = inputs_of(case)
-                if part is not None:
-                    inputs = with_settings(inputs, modes=round(part * len(inputs.measurement.frequencies)))
+                case, inputs = inputs_for(spec)
                 yield Job(case, inputs, solve(inputs))
             except (NoCaseError, InputError):
                 continue
@@ -140,7 +187,7 @@ def jobs() -> Iterator[Job]:
 
 def run() -> Iterator[Figure]:
     tried = {words: [0, 0, 0] for words in REMEDIES}  # jobs that printed it, followed it, were helped
-    for job in jobs():
+    for job in jobs(tried):
         before, _ = judged(job.case, job.result)
         for words, follow in REMEDIES.items():
             if job.result.verdict == "good" or words not in job.result.verdict_text or tried[words][0] >= WANTED:

@@ -6,6 +6,13 @@ A given position checks the result only if the pressures and the other given pos
 Their covariance for this microphone is
 
     (P^-1 - spring I)^-1 ,   P the covariance of its position, spring the curvature of the given position's prior
+
+Given positions that the solver does not get, as with `known = "none"`, check the result after the best rigid motion:
+
+    chi^2 = r^T B (B^T (C_AA + sigma^2 I) B)^-1 B^T r
+
+r are the differences at the given microphones A, C_AA is their covariance, sigma that of the given coordinates, and B
+spans what no rigid motion changes, which has |A| D - D (D + 1) / 2 dimensions.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,9 +20,11 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
+from scipy.special import chdtrc
 
 from ..acoustics.coherence import is_single_wave
 from ..cost.likelihood import log_response
+from ..model.gauge import align, rigid_motions
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.interface import Estimate, RoomEstimate
@@ -23,7 +32,7 @@ from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenP
 from .channels import exchanged_back, faulty_channels, healthy_channels
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
-from .uncertainty import covariance_of, one_sigma, scale_sigma_of, search_spread_of
+from .uncertainty import EXACT, covariance_of, one_sigma, scale_sigma_of, search_spread_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 
@@ -57,16 +66,21 @@ class Assessment:
         return word_arguments(self.message, self.wording)
 
 
-def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, scale: float | None = None):
+def assess(
+    estimate: Estimate | RoomEstimate,
+    names: Sequence[str] | None = None,
+    scale: float | None = None,
+    unused: Mapping[int, np.ndarray] = MappingProxyType({}),
+) -> Assessment:
     """Return the assessment of an estimate.
 
     names : of the microphones, their numbers unless given; scale : sound speed that follows from a given distance, over
-    that of the problem
+    that of the problem; unused : given positions (D,), metres, by microphone, that the solver did not get
     """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)
-    seen = judged(estimate, names, scale)
+    seen = judged(estimate, names, scale, unused)
     code, message = first_finding(FINDINGS, seen, estimate)
     if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
         seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
@@ -95,8 +109,13 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     )
 
 
-def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None) -> Judged:
-    """Return the evidence for the verdict."""
+def judged(
+    estimate: Estimate,
+    names: Sequence[str],
+    scale: float | None = None,
+    unused: Mapping[int, np.ndarray] = MappingProxyType({}),
+) -> Judged:
+    """Return the evidence for the verdict; arguments as of `assess`."""
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
     faulty = {} if single else faulty_channels(estimate, covariance, names)
@@ -104,6 +123,9 @@ def judged(estimate: Estimate, names: Sequence[str], scale: float | None = None)
     search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
     wrong = [n for n, one in faulty.items() if one.kind in OF_LIST]
     given_check = _given_check(estimate, wrong)
+    if not len(estimate.problem.known):
+        sound = {n: place for n, place in unused.items() if healthy[n]}
+        given_check = _unused_agreement(estimate, sound, scale or 1.0), 0.0
     return Judged(estimate, names, covariance, faulty, *given_check, search, scale_sigma, scale, single)
 
 
@@ -121,6 +143,22 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
     if given.carry_scale:  # the size that an isotropic field shows is no evidence against given positions
         return 1.0, loosest
     return given.probability(kept), loosest
+
+
+def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scale: float) -> float:
+    """Return the probability that `unused` positions and the array found differ as much by chance, see the module."""
+    numbers, D = np.array([*unused], int), estimate.problem.array_dimension
+    freedom = len(numbers) * D - D * (D + 1) // 2
+    if freedom <= 0:
+        return 1.0
+    there = scale * estimate.positions[numbers]
+    placed = align(np.array([*unused.values()]), there)
+    basis = np.linalg.svd(rigid_motions(placed))[0][:, -freedom:]
+    index = (D * numbers[:, None] + np.arange(D)).ravel()
+    covariance = scale**2 * estimate.spread.covariance[np.ix_(index, index)]
+    covariance = covariance + max(estimate.given.expected_sigma, EXACT) ** 2 * np.eye(len(index))
+    difference = basis.T @ (there - placed).ravel()
+    return float(chdtrc(freedom, difference @ np.linalg.solve(basis.T @ covariance @ basis, difference)))
 
 
 def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:

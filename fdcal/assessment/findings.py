@@ -85,7 +85,8 @@ class Judged:
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
-    # probability that given positions and pressures disagree as much by chance; 1 where it cannot be computed
+    # probability that given positions and pressures disagree as much by chance, or if the solver did not get the given
+    # positions, that these and the array found do; 1 where it cannot be computed
     agreement: float
     # metres, largest sigma of a known microphone without its own given position; 0 if none is known, infinite if too
     # few given positions are right to place the array
@@ -263,6 +264,15 @@ def _few_right(seen: Judged, limit: float) -> bool:
     return few or misplaced > max(1, limit * len(problem.known))
 
 
+def _disagreement(seen: Judged) -> str:
+    found = "pressures" if len(seen.estimate.problem.known) else "array found without them"
+    chance = f"1 of {1 / seen.agreement:.0f}" if seen.agreement > 1e-6 else "less than 1 of 1000000"
+    return (
+        f"the positions given and the {found} do not agree; by chance they would disagree so in {chance} cases: a given"
+        " position or the sound speed is wrong, or the array was not found"
+    )
+
+
 def _impossible_speed(seen: Judged) -> str:
     given = "position of a microphone" if seen.scale is None else "distance"
     c = seen.estimate.problem.sound_speed
@@ -377,10 +387,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
                          " it or the sound speed is wrong, or the channel is swapped with another",
             "check the positions and the cables of the known microphones",
             0.2, "misplaced given positions over all; more leave no frame to trust"),
-    Finding("known_position", lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
-            lambda seen: "the positions given and the pressures do not agree; by chance they would disagree so in"
-                         f" {f'1 of {1 / seen.agreement:.0f}' if seen.agreement > 1e-6 else 'less than 1 of 1000000'}"
-                         " cases: a given position or the sound speed is wrong, or the array was not found",
+    Finding("known_position", lambda seen, limit: seen.agreement <= limit,
+            _disagreement,
             "",
             0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
     Finding("model_mismatch",

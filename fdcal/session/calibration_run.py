@@ -85,7 +85,10 @@ def assess_state(
             fault = f"microphones {pair[0]} and {pair[1]} were estimated at the same position"
             raise InputError(fault, "name another pair in <distance>", key="distance")
         scale = inputs.distance[2] / apart
-    found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
+    given, unused = inputs.measurement, {}
+    if 0 < len(given.known) < given.count and not len(problem.known):  # `--check` compares a list of all microphones
+        unused = dict(zip(given.known.tolist(), given.known_positions, strict=True))
+    found = replace(assess(estimate, given.names, scale, unused), wording=wording)
     if problem.frame is None:
         return found
     rotation = turn_to_frame(found.positions, problem.frame)  # a run that was stopped may have ended in another frame

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 import solving
 from fields import measured, with_noise
+from scipy.stats import kstest
 from solving import estimated_at, run_from, solved_anew
 from test_faulty_channels import KNOWN, MODES, array
 
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
-from fdcal.assessment.assess import assess, judged
+from fdcal.assessment.assess import _unused_agreement, assess, judged
 from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom, first_finding
 from fdcal.assessment.uncertainty import covariance_of
@@ -321,6 +322,32 @@ def test_given_positions_with_a_stated_sigma_may_contradict_the_pressures(solved
     moved = replace(problem, known_positions=problem.known_positions + errors)
     stated = replace(state, model=replace(state.model, known_sigma=5e-4))
     assert "do not agree" in assess(robust.result(moved, stated)).message
+
+
+def test_given_positions_that_the_solver_did_not_get_check_the_array(blind):
+    """They contradict an array whose size is wrong by 3 %, as with a wrong temperature, but not one that is right."""
+    names = [str(n) for n in range(len(blind.positions))]
+    truth, turn = array(), np.array([[0.6, -0.8], [-0.8, -0.6]])
+    for size, code in ((1.0, "good"), (1.03, "known_position"), (0.97, "known_position")):
+        unused = {n: size * truth[n] @ turn + [5.0, 1.0] for n in KNOWN}
+        found = assess(blind, names, unused=unused)
+        assert found.verdict == code and ("found without them" in found.message) == (code != "good"), found.message
+        few = dict(list(unused.items())[:1])
+        assert assess(blind, names, unused=few).verdict == "good", "one position checks nothing"
+
+
+def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind):
+    """Of draws of the array and of the list from their covariances, a fraction p falls below p."""
+    rng, D = np.random.default_rng(3), 2
+    covariance = blind.spread.covariance
+    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(covariance)))
+    drawn = []
+    for _ in range(300):
+        moved = blind.positions + (root @ rng.standard_normal(len(root))).reshape(-1, D)
+        listed = blind.positions[KNOWN] + blind.given.expected_sigma * rng.standard_normal((len(KNOWN), D))
+        one = replace(blind, positions=moved)
+        drawn.append(_unused_agreement(one, dict(zip(KNOWN, listed, strict=True)), 1.0))
+    assert kstest(drawn, "uniform").pvalue > 1e-3
 
 
 def test_uneven_gains_are_no_uneven_residuals(estimate):
