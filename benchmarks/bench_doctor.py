@@ -26,9 +26,8 @@ import numpy as np
 import soundfile
 from scipy.signal import lfilter, oaconvolve, resample_poly
 
-from fdcal.acoustics.plane_waves import plane_wave_responses
+from fdcal.acoustics.plane_waves import load_sdm_response, plane_wave_responses
 from fdcal.assessment.findings import Answer
-from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
 from fdcal.recordings.formats import read
 from fdcal.recordings.recording import ImportOptions, read_samples

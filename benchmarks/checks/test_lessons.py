@@ -9,8 +9,8 @@ from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.cost.eq7 import ReferenceCost
 from fdcal.cost.maps import cost_maps, map_minima, map_positions, minima_of, mode_shape, refined
 from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.heatmap import wave_floor
 from fdcal.graphics.picture import compose
-from fdcal.graphics.waves import wave_floor
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene import load_scene
 from fdcal.session.calibration_run import assess_state

@@ -16,7 +16,6 @@ from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
 from ..model.room import response_path
 from ..model.scene import MeasuredScene, Scene
-from ..model.sdm_response import load_sdm_response
 from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
@@ -28,7 +27,7 @@ if TYPE_CHECKING:  # loads the signal library, which reading a measurement does 
 def require_measurable(scene: Scene) -> None:
     """Raise InputError for a duration of the recording or a band that cannot be simulated."""
     if scene.room.response is not None:
-        from .plane_waves import require_rendered
+        from .plane_waves import load_sdm_response, require_rendered
 
         require_rendered(load_sdm_response(response_path(scene.room.response)), scene.measurement)
     elif scene.room.dimension == 3:
@@ -77,7 +76,7 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     if room.response is not None:
         from . import plane_waves
 
-        response = load_sdm_response(response_path(room.response))
+        response = plane_waves.load_sdm_response(response_path(room.response))
         return plane_waves.modal_pressures(response, positions_3d(scene), sensing, room.sound_speed, progress)
     if room.dimension == 3:
         from .box_field import modal_pressures

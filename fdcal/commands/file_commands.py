@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,6 @@ from . import options as opt
 
 if TYPE_CHECKING:
     from ..recordings.channels import ChannelHealth
-    from ..session.takes import TakesResult
 
 
 @click.command("import")
@@ -163,7 +161,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
     from ..session.process import Interrupt
-    from ..session.takes import takes_result
 
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
@@ -182,7 +179,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         check_take(replayed(file, inputs), path, seconds)
     for left in sorted(path.parent.glob(f"{TEMPORARY}*{path.suffix}")):
         print(f"a take that was not ended is there: mv {left} NAME{path.suffix} keeps it, rm {left} deletes it")
-    together = partial(takes_result, positions=positions, options=options, wording=opt.OPTIONS)
     paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
@@ -201,32 +197,32 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         if take.stopped:
             return INTERRUPTED
         paths, written = [*paths, str(path)], written + 1
-        found, following = _result(together, paths, found_path), next_take(path)
+        code, following = _result(paths, positions, options, found_path), next_take(path)
         answer = "" if replay else _answer(path.name, following.name)
         if answer == "q" or (replay and written == len(replay)):
-            if found is not None and (found.list_faults or (found.check is not None and not found.check.agrees)):
-                return 5
-            return 0 if found is not None and found.result.verdict == "good" else 4
+            return code
         if answer == "r":
             force, paths = True, paths[:-1]
         else:
             path, force = following, False
 
 
-def _result(together: Callable[..., TakesResult], paths: list[str], path: Path | None) -> TakesResult | None:
-    """Calibrate all takes together, print the result and write it to a file; return None if there is no result."""
+def _result(paths: list[str], positions: str | None, options: ImportOptions, path: Path | None) -> int:
+    """Calibrate all takes together, print the result and write it to a file; return the exit code of `calibrate`."""
     from ..assessment.result_file import save_result
+    from . import report
 
     try:
-        found = together(paths)
+        inputs, result, check = report.calibrate_takes(paths, positions, options)
     except (InputError, StorageError) as error:
         words = error.worded(opt.OPTIONS) if isinstance(error, InputError) else error
         print(f"result  none: {words}", flush=True)
-        return None
-    print("\n".join([*found.lines, *found.table]), flush=True)
+        return 4
+    lines, wrong = report.takes_report(len(paths), inputs, result, check)
+    print("\n".join(lines), flush=True)
     if path is not None:
-        save_result(found.result, path, force=True, check=found.check)
-    return found
+        save_result(result, path, force=True, check=check)
+    return 5 if wrong else 0 if result.verdict == "good" else 4
 
 
 def _answer(this: str, following: str) -> str:

@@ -27,13 +27,12 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.validation import InputError, length_text, parse_modes
-from ..session.calibration_run import assess_state, problem_of, states_of
+from ..session.calibration_run import assess_state, counted_microphones, problem_of, states_of
 from ..session.lesson import Lesson, LessonSetting, load_lesson, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from ..solvers.interface import RunState
 from .options import scene_of
-from .plotting import counted_microphones
 
 MAX_BYTES = 1_000_000  # of one replay
 TITLE = "Microphone positions from the resonances of a room"

@@ -318,11 +318,6 @@ def output_option(what: str, required: bool = True):
 
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
-basins_option = click.option(
-    "--basins",
-    is_flag=True,
-    help="Colour the basins of attraction instead of the cost: at which minimum descent from each place ends.",
-)
 wave_option = click.option(
     "--wave",
     metavar="NUMBERS",

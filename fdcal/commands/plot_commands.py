@@ -1,12 +1,25 @@
 """Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ..model.validation import InputError
 from . import options as opt
 from .options import microphone_number, mode_numbers
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..assessment.calibration import Calibration
+    from ..graphics.primitives import Floor
+    from ..graphics.volume import SampledVolume, Volume
+    from ..model.measurement import Measurement
+    from ..session.sources import CalibrationInput
 
 
 @click.command()
@@ -37,7 +50,6 @@ def landscape(source, microphone, numbers, result, output, search, radius, force
     from ..cost.maps import landscape_panels
     from ..model.settings import search_around
     from ..model.storage import write_atomically
-    from .plotting import shown_positions, write_volume
 
     inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
@@ -64,6 +76,15 @@ def landscape(source, microphone, numbers, result, output, search, radius, force
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
 
 
+def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
+    """Return the positions (N, D), metres, of a result, moved onto the true ones if it is blind; or the true ones."""
+    if result is not None:
+        return result.positions_for(measurement)
+    if measurement.positions is None:
+        raise InputError("the measurement holds no true positions", "give those of a result: <result>", key="result")
+    return measurement.positions
+
+
 @click.command()
 @click.argument("source", metavar="SCENE|FILE")
 @opt.result_option
@@ -86,7 +107,6 @@ def field(source, result, frequencies, step, output, force):
     from ..assessment.field import field_map
     from ..graphics.exports import FIELD_WRITERS
     from ..model.storage import write_atomically
-    from .plotting import shown_positions
 
     path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
     found = opt.result_of(result)
@@ -109,7 +129,6 @@ def field(source, result, frequencies, step, output, force):
     metavar="N",
     help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
 )
-@opt.basins_option
 @opt.wave_option
 @click.option(
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
@@ -117,31 +136,30 @@ def field(source, result, frequencies, step, output, force):
 @click.option("--size", type=opt.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @opt.output_option("FILE.png")
 @opt.force_option
-def snapshot(scene, result, microphone, basins, wave, view, size, output, force):
+def snapshot(scene, result, microphone, wave, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), opt.result_of(result)
     from ..graphics.overlays import with_volume
     from ..graphics.picture import compose
     from ..graphics.snapshot import render
-    from .plotting import error_title, map_of, shown_positions
+    from .report import error_title
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
         raise InputError(f"{scene} is a measurement", "give a scene", key="scene", value=scene)
-    positions, title, shown = None, scene_shown.title, {}
+    positions, title, floor, volume = None, scene_shown.title, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
         title += f": {error_title(measurement, found)}"
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
-        shown = map_of(inputs, shown_positions(measurement, found), n, modes, basins, wave)
-        if "volume" in shown:
-            title += f"\n{'Basins of attraction' if basins else 'Cost'} of moving microphone {measurement.names[n]}"
-    picture = compose(scene_shown, measurement, positions, microphone, shown.get("floor"), title)
-    picture = with_volume(picture, shown.get("volume"))
-    render(picture, path, size, view, force)
+        floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes, wave)
+        if volume is not None:
+            title += f"\nCost of moving microphone {measurement.names[n]}"
+    picture = compose(scene_shown, measurement, positions, microphone, floor, title)
+    render(with_volume(picture, volume), path, size, view, force)
     print(path)
 
 
@@ -166,10 +184,9 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..graphics.replay import replay_html
     from ..model.settings import search_around
     from ..model.storage import write_atomically
-    from ..session.calibration_run import states_of
+    from ..session.calibration_run import counted_microphones, states_of
     from ..session.session import recorded
     from ..session.sources import as_given, with_settings
-    from .plotting import counted_microphones
 
     inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)
     if microphone is not None:
@@ -194,8 +211,8 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
 def gallery(output: str, force: bool):
     """Write a static site of replays with an index page, which any web server can host and any browser opens.
 
-    It plays the paper's Fig. 1, and holds three lessons, the paper's arrays 1 and 2, an array in three dimensions
-    and a bad channel. It needs no network.
+    It plays the paper's Fig. 1, and holds the lessons, the paper's arrays 1 and 2, an array in three dimensions and a
+    bad channel. It needs no network.
     """
     from ..model.storage import folder_in_progress
 
@@ -208,6 +225,79 @@ def gallery(output: str, force: bool):
                 (folder / name).write_text(text, encoding="utf-8")
                 sizes.append((folder / name).stat().st_size)
     print(f"{output}: {len(sizes)} pages, {sum(sizes) / 1e6:.2g} MB; open {output}/index.html")
+
+
+def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
+    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
+
+    `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
+    """
+    from ..cost.eq7 import ORDER_OFFSET, expansion_of
+    from ..cost.maps import cost_volume
+    from ..graphics.volume import sampled_volume
+
+    problem = inputs.measurement.problem(inputs.settings.weights)
+    carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
+    used = carried[carried <= modes].tolist()
+    if not used:
+        raise InputError("the microphones are too few for any mode", "use a smaller <radius>", key="radius")
+    terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
+    sampled = None if terms is None else sampled_volume(terms)
+    if sampled is None:
+        raise ValueError("a volume without cancellation must be complete")
+    return sampled
+
+
+def map_of(
+    inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int, wave: str | None = None
+) -> tuple[Floor, Volume | None]:
+    """Return the map of a microphone for a snapshot, and in space the cost around it.
+
+    `wave`: draw standing waves of these modes, such as "22, 38", instead.
+    """
+    from ..cost.eq7 import require_modes, require_plane_field
+    from ..cost.maps import descent_maps, minima_of
+    from ..graphics.heatmap import MAX_WAVES, cost_floor, wave_floor
+    from ..graphics.picture import z_range_of
+    from ..graphics.volume import layer_floor, volume_of
+    from ..model.validation import parse_modes
+
+    measurement, settings = inputs.measurement, inputs.settings
+    if measurement.search is None:
+        problem = f"{inputs.name} has no search domain to draw a landscape on"
+        raise InputError(problem, "leave out <microphone>", key="microphone")
+    if wave is not None:
+        if measurement.array_dimension == 3:
+            raise InputError(f"{inputs.name} is an array in space", "give an array in a plane", key="wave", value=wave)
+        numbers, remedy = parse_modes(wave, len(measurement.frequencies)), f"name 1 to {MAX_WAVES} modes"
+        if len(numbers) > MAX_WAVES:
+            raise InputError(f"{len(numbers)} waves are too many", remedy, key="wave", value=wave)
+        names = [(mode, f"mode {mode}, {measurement.frequencies[mode - 1]:.1f} Hz") for mode in numbers]
+        return wave_floor(measurement.problem(settings.weights), positions, n, names, settings.order_offset), None
+    if measurement.array_dimension == 3:
+        sampled, height = volume_around(inputs, positions, n, modes), z_range_of(inputs.scene, measurement)[0]
+        volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)
+        return layer_floor(volume, sampled, float(positions[n, 2]), height, True), volume
+    from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
+
+    problem, offset = measurement.problem(settings.weights), order_offset_of(settings, modes)
+    require_plane_field(problem)
+    require_modes(problem, offset, modes)
+    # the cost that a step of descent minimises
+    cost = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
+    return cost_floor(cost, measurement.search, log=True, minima=minima_of(cost, measurement.search)), None
+
+
+def write_volume(path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool) -> None:
+    """Write the cost of moving a microphone in space, summed over all modes, for ParaView."""
+    from ..graphics.exports import volume_vti
+    from ..model.storage import write_atomically
+
+    sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
+    text = volume_vti(sampled.cost, sampled.search)
+    write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
+    place = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
+    print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")
 
 
 COMMANDS = (landscape, field, snapshot, replay, gallery)

@@ -1,4 +1,8 @@
-"""A calibration in words: the summary that `fdcal calibrate` prints, and its comparison with other positions."""
+"""A calibration in words: what `calibrate` and `record` print, and the comparison with other positions.
+
+`record` imports the takes so far without their faulty channels and calibrates them by solver robust, which finds
+inverted and dead channels. The comparison with a list of positions shows exchanged channels.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..assessment.calibration import Calibration
-from ..assessment.words import comparison_sentences, given_table, result_sentences
+from ..assessment.calibration import FAULTS, Calibration
+from ..assessment.words import (
+    comparison_sentences,
+    counted,
+    error_line,
+    error_words,
+    faults_text,
+    given_table,
+    list_faults,
+    result_sentences,
+)  # fmt: skip
+from ..model.measurement import Measurement
+from ..model.validation import length_text
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 if TYPE_CHECKING:
     from ..assessment.position_check import ListFit, PositionCheck
+    from ..recordings.recording import ImportOptions
     from ..session.sources import ProgressReport
 
 # Heads of the lines of a summary, in their order.
@@ -89,3 +105,63 @@ def fit_of_rows(
 def _frame(inputs: CalibrationInput) -> Sequence[int]:
     """Return the numbers of the known microphones that fix the axes."""
     return inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
+
+
+def error_title(measurement: Measurement, result: Calibration) -> str:
+    """Return the errors of a result in words, over the microphones that `fdcal calibrate` averages."""
+    given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
+    compared = result.compared_with(measurement, given)
+    errors = None if compared.errors is None else compared.errors[result.counted(given)]
+    return error_line(errors, result.aligned, measurement.nominal)
+
+
+NEXT = "move the loudspeaker to the other side of the array"
+
+
+def calibrate_takes(
+    takes: Sequence[str], positions: str | None, options: ImportOptions
+) -> tuple[CalibrationInput, Calibration, PositionCheck | None]:
+    """Calibrate the files of several takes; `positions`: file of a list with which the array is compared."""
+    from ..recordings.importer import measurement_of_takes, read_takes
+    from ..session.calibration_run import solve
+    from ..session.sources import compared_with_file, measurement_input
+
+    measurement, report = measurement_of_takes(read_takes(takes, options), options)
+    inputs = measurement_input(measurement, "takes" if len(takes) > 1 else "take")
+    if positions is not None:
+        inputs = compared_with_file(inputs, positions, tuple(report.left_out))
+    result = solve(inputs, wording=OPTIONS)
+    return inputs, result, None if inputs.measurement.positions is None else comparison(inputs, result)
+
+
+def takes_report(
+    takes: int, inputs: CalibrationInput, result: Calibration, check: PositionCheck | None
+) -> tuple[list[str], bool]:
+    """Return the result of some takes in lines, the positions included, and whether a list of them is wrong."""
+    from ..assessment.position_check import fit_result
+
+    listed, said = inputs.measurement.positions, result_sentences(result, inputs.measurement, inputs.given)
+    sigmas = np.full(len(result.names), np.nan) if result.uncertainty is None else result.uncertainty
+    sigma = float(np.sqrt(np.mean(sigmas[result.healthy] ** 2)))
+    wrong, faults = list[str](), () if result.channels is None else result.channels.faults
+    if check is not None and listed is not None and check.fits:
+        wrong = list_faults(check, fit_result(check, result, listed), inputs.labels or result.names)
+    lines = [f"result  {counted(takes, 'take')}, {len(result.names)} microphones, one sigma {length_text(sigma, 2)}"]
+    if result.mean_error is not None:
+        lines.append(f"list    {error_words(result)} from {inputs.compared_with}")
+        if check is not None and not check.fits:
+            lines.append("list    it fits the array found in no order")
+    named = "; ".join([*(faults_text([fault]) for fault in faults), *wrong])
+    lines += [f"verdict {said['verdict']}", f"faults  {named or 'none found'}"]
+    if wrong or any(FAULTS[fault.kind].mend for fault in faults):
+        lines.append("next    correct the channels, and record this take again")
+    else:
+        after = sigma * float(np.sqrt(takes / (takes + 1)))  # with the information of an average take
+        lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}")
+    kinds = {fault.name: fault.kind for fault in faults}
+    head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: result.positions.shape[1]])
+    lines.append(f"microphone{head}   one sigma")
+    for name, position, one in zip(result.names, result.positions, sigmas, strict=True):
+        cells = "".join(f"{x:z10.4f}" for x in position)
+        lines.append(f"{name:>10}{cells}{length_text(one, 2):>12}  {kinds.get(name, '')}".rstrip())
+    return lines, bool(wrong) or (check is not None and not check.agrees)

@@ -1,4 +1,4 @@
-"""Local minima of a map, their basins of attraction, and the path of one microphone downhill.
+"""Local minima of a map, their basins, and the path of one microphone downhill.
 
 A minimum counts by its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest descent from
 neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is the lowest
@@ -6,13 +6,11 @@ place where they touch. Passes are taken in ascending order: at each the two bas
 minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per
 cent of the points.
 
-The basins of attraction follow the gradient of the cost, interpolated between lattice points, and stay inside the map.
-Descent from point to neighbouring point would only use eight directions, and the borders between basins would be
-straight lines. A minimum that is too shallow to count belongs to the basin that it joins in the watershed algorithm.
+A minimum that is too shallow to count belongs to the basin that it joins.
 
-The path of a microphone also follows the steepest descent. It stays in the basin where it begins, so that it ends at
-the minimum that the map marks there. From a minimum that is too shallow to count it continues at the nearest point of
-the basin with a lower cost.
+The path of a microphone follows the gradient of the cost, interpolated between lattice points. It stays in the basin
+where it begins, so that it ends at the minimum that the map marks there. From a minimum that is too shallow to count it
+continues at the nearest point of the basin with a lower cost.
 """
 
 from dataclasses import dataclass
@@ -25,7 +23,7 @@ from ..model.settings import Search
 from ..model.validation import Integers, Reals, frozen_array
 from .scale import DEPTH, OUTSIDE, on_scale
 
-STRIDE = 0.7  # of descent, in steps of the lattice
+STRIDE = 0.7  # of a path, in steps of the lattice
 
 
 def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
@@ -35,15 +33,14 @@ def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
     of it to a lower one, exceeds `depth` of the scale of the map. Minima at the edge do not count, because the cost
     beyond it is unknown.
     """
-    return _inside(merged_basins(on_scale(cost), depth)[0], cost.shape)[0]
+    return basins_of(cost, depth).minima
 
 
 def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and the heirs (P,) int64 of all points.
+    """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and that of each point's basin (P,).
 
-    `depth` is in the unit of `cost`. The lowest minimum is first; the global one is always among them. A minimum that
-    is not prominent enough has joined the basin of its heir, which may in turn have joined another one; any other point
-    is its own heir. Of two equal costs the one with the lower index counts as lower.
+    `depth` is in the unit of `cost`. The lowest minimum is first; the global one is always among them. Of two equal
+    costs the one with the lower index counts as lower.
     """
     cost = np.ascontiguousarray(cost, dtype=float)
     flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map is one layer
@@ -52,14 +49,7 @@ def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarra
     passes = passes[np.argsort(flat[passes[:, 0]], kind="stable")]
     ended, heirs = _merge(flat, basins, passes, float(depth))
     minima = np.flatnonzero((basins == np.arange(cost.size)) & ~ended)
-    return minima[np.argsort(flat[minima], kind="stable")], heirs
-
-
-def _inside(points: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices (K, 2) or (K, 3) of flat indices (P,) that are not at the edge, and a mask of them (P,)."""
-    indices = np.stack(np.unravel_index(points, shape), axis=1)
-    inside = np.all((indices > 0) & (indices < np.array(shape) - 1), axis=1)
-    return indices[inside], inside
+    return minima[np.argsort(flat[minima], kind="stable")], _basins(heirs)[basins]
 
 
 @compiled
@@ -81,9 +71,9 @@ def _lowest_neighbours(cost: Reals):
 
 
 @compiled
-def _basins(lowest: Integers):
-    """Return the minimum at which steepest descent over neighbours ends, from each point : (P,) int64."""
-    basin = lowest.copy()
+def _basins(parents: Integers):
+    """Return the root of each point, which is its own parent : (P,) int64."""
+    basin = parents.copy()
     for point in range(len(basin)):
         _end(basin, point)
     return basin
@@ -126,7 +116,7 @@ def _passes(cost: Reals, basins: Integers):
 
 @compiled
 def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
-    """Return which minima end, and the heirs of those that are not prominent enough : (P,) bool, (P,) int64."""
+    """Return which minima are not prominent enough, and the minimum whose basin each of them joins : (P,), (P,)."""
     union, heirs, ended = basins.copy(), np.arange(cost.size), np.zeros(cost.size, np.bool_)
     for row in range(len(passes)):
         here, there = passes[row]
@@ -144,16 +134,11 @@ def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
 
 @dataclass(frozen=True)
 class Basins:
-    """The basins of attraction of a map."""
+    """The basins of the minima of a map that count."""
 
-    # (ny, nx), or (nz, ny, nx) for a volume, int64, minimum where descent from each point ends, or OUTSIDE
+    # (ny, nx), or (nz, ny, nx) for a volume, int64, number of the minimum whose basin holds each point, or OUTSIDE
     labels: np.ndarray
     minima: Integers  # (K, 2), or (K, 3) for a volume, int64, result of `local_minima`
-
-    @property
-    def shares(self) -> np.ndarray:
-        """Fraction of the map that each basin holds : (K,) float64."""
-        return np.bincount(self.labels[self.labels >= 0], minlength=len(self.minima)) / self.labels.size
 
     def at(self, search: Search, place: Reals) -> int:
         """Return the number of the basin at a position (2,) or (3,), metres, or OUTSIDE beyond the lattice `search`."""
@@ -162,98 +147,15 @@ class Basins:
         inside = np.all((index >= 0) & (index < self.labels.shape[::-1]))
         return int(self.labels[tuple(index[::-1])]) if inside else OUTSIDE
 
-    @property
-    def outside(self) -> float:
-        """Fraction of the map from which descent ends at its edge."""
-        return float((self.labels == OUTSIDE).mean())
-
 
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
-    """Return the basins of attraction of a map (ny, nx) or volume (nz, ny, nx); `depth` as of `local_minima`."""
-    minima, heirs = merged_basins(on_scale(cost), depth)
-    places, inside = _inside(minima, cost.shape)
+    """Return the basins of a map (ny, nx) or volume (nz, ny, nx); `depth` as of `local_minima`."""
+    minima, owners = merged_basins(on_scale(cost), depth)
+    places = np.stack(np.unravel_index(minima, cost.shape), axis=1)
+    inside = np.all((places > 0) & (places < np.array(cost.shape) - 1), axis=1)
     numbers = np.full(cost.size, OUTSIDE)
-    numbers[minima[inside]] = np.arange(len(places))
-    layers = np.ascontiguousarray(cost, dtype=float).reshape(-1, *cost.shape[-2:])
-    level = np.zeros(layers.shape)  # a map does not slope across its one layer
-    slopes = np.stack([np.gradient(layers, axis=axis) if layers.shape[axis] > 1 else level for axis in range(3)])
-    ends = _descend(slopes, _lowest_neighbours(layers), np.argsort(cost.ravel(), kind="stable"), heirs)
-    return Basins(frozen_array(numbers[ends].reshape(cost.shape), np.int64), frozen_array(places, np.int64))
-
-
-@compiled
-def _descend(slopes: Reals, lowest: Integers, order: Integers, heirs: Integers):
-    """Return where descent from each point ends : (P,) int64, flat indices of minima."""
-    ends = np.full(len(order), -1, np.int64)
-    for here in order:  # ascending, so that the ends of all lower points are known
-        if lowest[here] == here:  # a minimum
-            end = here
-            while heirs[end] != end:
-                end = heirs[end]
-        else:
-            end = _trace(slopes, ends, here)
-            end = end if end >= 0 else ends[lowest[here]]
-        ends[here] = end
-    return ends
-
-
-@compiled
-def _trace(slopes: Reals, ends: Integers, here: int):
-    """Return where descent from a point ends: where all corners of a cell on its path end; -1 if they never agree."""
-    shape = slopes.shape[1:]
-    place, slope = np.zeros(3), np.zeros(3)
-    place[0], place[1], place[2] = here // (shape[1] * shape[2]), here // shape[2] % shape[1], here % shape[2]
-    for _ in range(2 * (shape[0] + shape[1] + shape[2])):
-        slope[:] = 0.0
-        low, share = _cell(place, shape)
-        for corner in range(8):
-            weight, h, j, i = _corner(low, share, corner)
-            if weight > 0:
-                for axis in range(3):
-                    slope[axis] += weight * slopes[axis, h, j, i]
-        for axis in range(3):
-            outwards = place[axis] <= 0 < slope[axis] or (place[axis] >= shape[axis] - 1 and slope[axis] < 0)
-            slope[axis] = 0.0 if outwards else slope[axis]
-        length = np.sqrt(np.sum(slope**2))
-        if length == 0:
-            return -1
-        for axis in range(3):
-            place[axis] = min(max(place[axis] - STRIDE * slope[axis] / length, 0.0), shape[axis] - 1.0)
-        end = _common_end(ends, place, shape)
-        if end >= 0:
-            return end
-    return -1
-
-
-@compiled
-def _cell(place: Reals, shape: tuple[int, ...]):
-    """Return the lowest corner of the cell that holds a point (3,), and the offset of the point in the cell, 0 to 1."""
-    low = np.zeros(3, np.int64)
-    for axis in range(3):
-        low[axis] = max(min(int(place[axis]), shape[axis] - 2), 0)
-    return low, place - low
-
-
-@compiled
-def _corner(low: Integers, share: Reals, number: int):
-    """Return weight and indices of one of the eight corners of a cell."""
-    k, m, n = number // 4, number // 2 % 2, number % 2
-    weight = (share[0] if k else 1 - share[0]) * (share[1] if m else 1 - share[1]) * (share[2] if n else 1 - share[2])
-    return weight, low[0] + k, low[1] + m, low[2] + n
-
-
-@compiled
-def _common_end(ends: Integers, place: Reals, shape: tuple[int, ...]):
-    """Return the common end of all corners of a cell whose ends are known, or -1 if these differ."""
-    low, share = _cell(place, shape)
-    common = -1
-    for corner in range(8):
-        weight, h, j, i = _corner(low, share, corner)
-        end = ends[(h * shape[1] + j) * shape[2] + i] if weight > 0 else -1
-        if end >= 0 and common >= 0 and end != common:
-            return -1
-        common = end if end >= 0 else common
-    return common
+    numbers[minima[inside]] = np.arange(np.sum(inside))
+    return Basins(frozen_array(numbers[owners].reshape(cost.shape), np.int64), frozen_array(places[inside], np.int64))
 
 
 SHORTEST = 0.05  # shortest step of a path that is tried, in lattice steps

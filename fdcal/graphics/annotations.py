@@ -14,29 +14,22 @@ from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, lifted, project
 from .marks import MARKS, Mark, symbol
-from .primitives import Colour, ColourBar, Label, Picture, by_rank
-
-OUTLINE: Colour = (128, 128, 128)  # of an area, whose colour may be that of the page
+from .primitives import ColourBar, Label, Picture, by_rank
 
 
 def legend_of(picture: Picture) -> tuple[Mark, ...]:
-    """Return the marks of a legend: areas of the map, and the marks that can be seen in the order of MARKS."""
+    """Return the marks of a legend: those that can be seen, in the order of MARKS."""
     seen = {part.name for part in picture.lines if len(part.segments)}
     seen |= {part.name for part in picture.meshes if len(part.faces)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     captions, circle = dict(picture.captions), MARKS["microphones/true"]
     # a known microphone has its square in the circle
     changes = {"microphones/known": {"size": 0.29, "below": circle}} if circle.name in seen else {}
-    marks = (
+    return tuple(
         replace(mark, text=captions.get(name, mark.text), **changes.get(name, {}))
         for name, mark in MARKS.items()
         if name in seen and mark.text
     )
-    areas = (  # which have a colour and no mark
-        Mark(a.name, a.text, "square", a.colour, size=0.75, line=0.1, filled=True, halo_colour=OUTLINE)
-        for a in picture.areas
-    )
-    return (*areas, *marks)
 
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font

@@ -1,4 +1,4 @@
-"""Costs over the search lattice as colours, heights and a scale, and basins of attraction as areas: maps on a floor.
+"""Maps on the floor: costs over the search lattice as colours and heights, with their scale, and standing waves.
 
 A map in relief has its shading in its colours, no renderer adds light: it comes from the upper left, as on a geographic
 map. Lengths are metres.
@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import functools
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import matplotlib
 import numpy as np
 
-from ..cost.scale import DECADES, LEAST_RANGE, OUTSIDE, Minima
+from ..cost.scale import DECADES, LEAST_RANGE, Minima
+from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search
-from ..model.validation import frozen_array, length_text
-from .primitives import COLOUR_MAP, Area, Colour, ColourBar, Floor, Mesh, Theme, mixed
-
-if TYPE_CHECKING:
-    from ..cost.basins import Basins  # with compiled code, which a map of costs does not need
+from ..model.validation import InputError, frozen_array
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Curve, Floor, Mesh, Theme, mixed
 
 TOWARDS_LIGHT = np.array([-0.55, 0.55, 0.63])
 DARKEST = 0.55  # brightness of a slope that the light does not reach
@@ -107,7 +105,7 @@ def cost_floor(
 
 
 def lattice_floor(
-    rgb: np.ndarray, search: Search, shape: tuple[int, ...], bar: ColourBar | None, lowest, height: float, **more
+    rgb: np.ndarray, search: Search, shape: tuple[int, ...], bar: ColourBar, lowest, height: float, **more
 ) -> Floor:
     """Return a map over the cells of a lattice of (ny, nx) nodes, each in the middle of its cell."""
     (ny, nx), step = shape, search.step
@@ -154,75 +152,59 @@ def _colour_table(name: str) -> np.ndarray:
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
 
 
-# Colours of basins of attraction, with a legend of areas in place of a colour bar: the basin of one place, such as the
-# true position, has the first colour; the largest of the others have one each, and those that remain share a grey. Dark
-# lines separate basins, also where two of them are grey.
-PLACE: Colour = (68, 170, 153)  # of the basin of one place
-LARGEST: tuple[Colour, ...] = ((136, 204, 238), (221, 204, 119), (153, 68, 85), (108, 140, 213), (160, 120, 74))
-OTHERS: Colour = (200, 200, 200)
-EDGE: Colour = (246, 246, 246)  # of places from which descent ends at the edge of the map
-BORDER: Colour = (30, 32, 38)  # between basins
-BASIN_PIXELS = 500  # at least, along the longer edge of the image
-_OTHERS, _EDGE, _BORDER = 1 + len(LARGEST), 2 + len(LARGEST), 3 + len(LARGEST)
-TABLE = np.array((PLACE, *LARGEST, OTHERS, EDGE, BORDER), np.uint8)
+# Why a place is ambiguous: a microphone measures one number of a standing wave. All places with this number lie on a
+# line; the lines of two waves cross at a few places, and all lines have only the true position in common.
+WAVE_POINTS = 300  # of the map of a wave, along its longer edge
+MAX_WAVES = 3  # whose lines are drawn
+COUNTED = {2: "both frequencies", 3: "all three frequencies"}
 
 
-def basin_image(
-    basins: Basins, here: int, name: str, labels: np.ndarray | None = None
-) -> tuple[np.ndarray, tuple[Area, ...]]:
-    """Return numbers (h, w) uint8 of colours of TABLE, row 0 at low y, and what they stand for, in the legend's order.
-
-    `labels` (h, w): of a slice through a volume; `here`: the basin that has the first colour, of the place `name`;
-    OUTSIDE for no such basin.
-    """
-    labels = basins.labels if labels is None else labels
-    finer = -(-BASIN_PIXELS // max(labels.shape))
-    labels = labels.repeat(finer, axis=0).repeat(finer, axis=1)
-    shares = basins.shares
-    by_size = [int(k) for k in np.argsort(-shares, kind="stable") if k != here and shares[k] > 0]
-    table = np.full(len(basins.minima) + 1, _OTHERS, np.uint8)  # its last entry is that of OUTSIDE
-    table[by_size[: len(LARGEST)]] = np.arange(1, 1 + len(by_size[: len(LARGEST)]))
-    table[OUTSIDE] = _EDGE
-    if here != OUTSIDE:
-        table[here] = 0
-    border = np.zeros(labels.shape, bool)
-    border[:, 1:] |= labels[:, 1:] != labels[:, :-1]
-    border[1:] |= labels[1:] != labels[:-1]
-    numbers = np.where(border, np.uint8(_BORDER), table[labels])
-    areas = [] if here == OUTSIDE else [Area("basins/place", f"basin of the {name} {_percent(shares[here])}", PLACE)]
-    for i, (k, colour) in enumerate(zip(by_size, LARGEST, strict=False)):
-        areas.append(Area(f"basins/{i}", f"basin {_percent(shares[k])}", colour))
-    if rest := by_size[len(LARGEST) :]:
-        text = f"{len(rest)} other{'s' if len(rest) > 1 else ''} {_percent(shares[rest].sum())}"
-        areas.append(Area("basins/others", text, OTHERS))
-    if basins.outside:
-        areas.append(Area("basins/edge", f"leaves the map {_percent(basins.outside)}", EDGE))
-    return numbers, tuple(areas)
-
-
-def basin_floor(
-    basins: Basins, search: Search, minima: Minima, place=None, name: str = "true position", height: float = 0.0
+def wave_floor(
+    problem: Problem,
+    positions,
+    n: int,
+    waves: Sequence[tuple[int, str]],
+    order_offset: int,
+    channels: ChannelCorrection | None = None,
+    height: float = 0.0,
+    marked: bool = True,
 ) -> Floor:
-    """Return the map of basins of attraction, the first colour for that of `place` (2,), metres, if it is given."""
-    numbers, areas = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
-    lowest, others = marks_of(minima)
-    return lattice_floor(TABLE[numbers], search, basins.labels.shape, None, lowest, height, minima=others, areas=areas)
+    """Return the map of the pressure of the last of some modes, white where it is zero, with the line of each mode.
+
+    It is reconstructed from the other microphones at their `positions` (N, 2), metres. Diamonds mark where the lines of
+    several modes cross.
+
+    `n`: the microphone, counted from 0; `waves`: number, counted from 1, and name of each mode, MAX_WAVES at most;
+    `height`: of the map, metres; `marked`: whether there are lines and diamonds.
+    """
+    from ..cost.maps import minima_of, mode_shape, refined  # loads SciPy, which a map of costs does not need
+
+    if problem.search is None:
+        raise InputError("the shape of a mode needs a search domain", "give <search> and <radius>", key="search")
+    lattice = refined(problem.search, WAVE_POINTS)
+    fields, levels = zip(
+        *(mode_shape(problem, positions, mode, order_offset, channels, n, lattice) for mode, _ in waves), strict=True
+    )
+    bar = ColourBar(-1.0, 1.0, f"pressure of {waves[-1][1]} (normalised to a peak of 1)", DIVERGING_COLOUR_MAP)
+    rgb = to_rgb((1 + np.clip(fields[-1], -1, 1)) / 2, DIVERGING_COLOUR_MAP)
+    curves, crossings = [], np.zeros((0, 2))
+    if marked:
+        for field, level, (_, name) in zip(fields, levels, waves, strict=True):
+            curves.append(Curve(f"measures the same at {name.rpartition(', ')[2]}", contour(field, level, lattice)))
+        if len(waves) > 1:
+            misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
+            crossings = minima_of(misfit.sum(axis=0), lattice).lowest
+    lowest = tuple((float(x), float(y)) for x, y in crossings)
+    captions = (("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
+    more = {"show_minima": bool(lowest), "curves": tuple(curves), "captions": captions}
+    return lattice_floor(rgb, lattice, fields[-1].shape, bar, lowest, height, **more)
 
 
-def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:
-    """Return where descent from a place (2,), metres, ends, and how much of the map its basin holds, in words."""
-    here = basins.at(search, place)
-    if here == OUTSIDE:
-        return f"descent from the {name} leaves the map"
-    from ..cost.maps import map_positions  # loads SciPy, which a map of costs does not need
+def contour(field: np.ndarray, level: float, lattice: Search) -> np.ndarray:
+    """Return where a field (ny, nx) over a lattice has a value : line segments (S, 2, 2) float32, metres."""
+    from contourpy import contour_generator
 
-    end = map_positions(basins.minima[[here]], search)[0]
-    away = float(np.linalg.norm(end - np.asarray(place, float)[: len(end)]))
-    distance = f"{length_text(away)} away" if away > search.step else f"within {length_text(search.step)}"
-    return f"descent from the {name} ends {distance}; its basin holds {_percent(basins.shares[here])} of the map"
-
-
-def _percent(fraction: float) -> str:
-    """As "12 %", and "0.3 %" below one."""
-    percent = 100 * float(fraction)
-    return f"{percent:.0f} %" if percent >= 1 else f"{percent:.1g} %" if percent >= 0.1 else "below 0.1 %"
+    x, y = (low + lattice.step * np.arange(n) for low, n in zip(lattice.origin, field.shape[::-1], strict=False))
+    paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)]
+    pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
+    return frozen_array(np.concatenate([np.zeros((0, 2, 2)), *pieces]), np.float32)

@@ -152,15 +152,6 @@ def by_rank(labels: Iterable[Label]) -> list[Label]:
 
 
 @dataclass(frozen=True)
-class Area:
-    """The meaning of one colour of a map without a scale."""
-
-    name: str  # unique in a picture
-    text: str  # in the legend
-    colour: Colour
-
-
-@dataclass(frozen=True)
 class Curve:
     """A line on a map."""
 
@@ -176,13 +167,12 @@ class Floor:
     # origin, size: lowest corner and extent in x and y, metres
     origin: tuple[float, float]
     size: tuple[float, float]
-    bar: ColourBar | None  # None if the colours stand for areas
+    bar: ColourBar
     lowest: tuple[tuple[float, float], ...]  # positions of the lowest cost and of minima that fit as well, metres
     height: float = 0.0  # of the map, metres
     minima: tuple[tuple[float, float], ...] = ()  # positions of the other local minima, metres
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
-    areas: tuple[Area, ...] = ()  # the meaning of the colours of a map without a bar
     curves: tuple[Curve, ...] = ()  # on a flat map, three at most
     captions: tuple[tuple[str, str], ...] = ()  # as of `Picture`
 
@@ -220,8 +210,3 @@ class Picture:
     def bar(self) -> ColourBar | None:
         """The scale of the colours of the map; None without one."""
         return None if self.floor is None else self.floor.bar
-
-    @property
-    def areas(self) -> tuple[Area, ...]:
-        """The meaning of the colours of a map without a scale."""
-        return () if self.floor is None else self.floor.areas

@@ -1,4 +1,4 @@
-"""Results as figures and HTML: a calibration for a notebook, and a plan."""
+"""A calibration for a notebook: as a figure, as HTML, and as a page that plays."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..assessment.calibration import Calibration
-from ..assessment.uncertainty import Bound, confidence_factor, ellipse_axes
+from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..assessment.words import result_title
 from ..cost.eq7 import reference_cost_of
 from ..model.gauge import align
 from ..model.settings import search_around
-from ..model.validation import InputError, length_text
+from ..model.validation import InputError
 from .landscape import figure_bytes
-from .marks import ELLIPSE, TRUE, plot_marks
+from .marks import ELLIPSE, plot_marks
 from .overlays import enlargement
 from .primitives import fractions
 from .replay import replay_html
@@ -186,16 +186,3 @@ def show_calibration(self: Calibration) -> Replay:
     return Replay(
         replay_html(None, measurement, states, result_title(self), reference_cost_of(problem), sought, problem=problem)
     )
-
-
-def draw_plan(positions: np.ndarray, bound: Bound) -> Figure:
-    """Return the figure of a plan: the microphones (N, D), metres, from above, with the ellipses of the bound."""
-    figure = Figure(figsize=(5.2, 4.8), dpi=100, layout="constrained")
-    panel, x = figure.subplots(), positions[:, :2]
-    enlarged_ellipses(panel, x, bound.covariance[:, :2, :2], positions)
-    panel.plot(*x[bound.free].T, "o", color=fractions(TRUE), markersize=5, label="microphone")
-    plot_marks(panel, "microphones/known", x[~bound.free], "position given", MARK_SCALE)
-    panel.set_aspect("equal", adjustable="datalim")
-    panel.set(xlabel="x (m)", ylabel="y (m)", title=f"Least error: {length_text(bound.rms)} rms")
-    panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small", frameon=False)
-    return figure

@@ -7,7 +7,6 @@
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
     layer_floor     the layer at one height, in the colours of a Volume, as a map on the floor: it hides no microphone
-    basin_layer     likewise the basins of attraction
 
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
@@ -16,20 +15,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cost.maps import CostVolume, area, minima_of
-from ..cost.scale import OUTSIDE, Minima
+from ..cost.scale import Minima
 from ..model.settings import Search
 from ..model.validation import evenly_spaced, frozen_array
 from .glyphs import round_ticks
-from .heatmap import SHOWN, TABLE, WHOLE, basin_image, colour_limits, normalise, to_rgb
+from .heatmap import SHOWN, WHOLE, colour_limits, normalise, to_rgb
 from .primitives import ColourBar, Floor, Surface
-
-if TYPE_CHECKING:
-    from ..cost.basins import Basins  # with compiled code, which a volume of costs does not need
 
 
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -83,15 +78,13 @@ class Volume:
     """The cost of one microphone in space."""
 
     surface: Surface | None  # of all isosurfaces; None where there are none
-    bar: ColourBar | None  # of isosurfaces and layer; None of basins
+    bar: ColourBar  # of isosurfaces and layer
     levels: tuple[float, ...] = ()  # of the isosurfaces, dB, ascending
     minima: Minima | None = None  # to be marked, or None
 
     @property
     def text(self) -> str:
-        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"; "" of basins."""
-        if self.bar is None:
-            return ""
+        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"."""
         if not self.levels:
             return "no isosurface"
         values = [f"{level:g}" for level in self.levels]
@@ -195,8 +188,6 @@ def layer_floor(
     Beyond the domain it is that at its edge.
     """
     bar, terms = volume.bar, sampled.terms
-    if bar is None:
-        raise ValueError("basins have a layer of their own")
     domain, lattice = area(terms.domain, 2), terms.domain
     z = float(np.clip(z, lattice.origin[2], lattice.origin[2] + lattice.size[2]))
     counts = np.maximum(np.rint(np.ptp(domain, axis=0) * pixels / np.ptp(domain, axis=0).max()).astype(int), 2)
@@ -206,26 +197,6 @@ def layer_floor(
         raise ValueError("a layer without cancellation must be complete")
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     bar = replace(bar, label=f"{bar.label}, on the floor the layer z = {z:z.2f} m")
-    return _floor(to_rgb(normalise(cost[0], low, high, log)), domain, height, bar)
-
-
-def _floor(rgb: np.ndarray, corners: np.ndarray, height: float, bar: ColourBar | None, **more) -> Floor:
-    (x, y), (width, depth) = corners[0].tolist(), np.ptp(corners, axis=0).tolist()
-    rgb = frozen_array(rgb, np.uint8)
-    return Floor(rgb, (x, y), (width, depth), bar, (), height, show_minima=False, **more)
-
-
-def basin_layer(
-    basins: Basins, search: Search, z: float, height: float, place=None, name: str = "true position"
-) -> Floor:
-    """Return the layer at `z`, metres, of basins of attraction in space, as a map at `height`, metres.
-
-    `search`: lattice of the volume; beyond it the layer is that at its edge; `place` (3,) float64, metres, whose basin
-    has the first colour; None for no such basin; `name`: of that place.
-    """
-    at = int(np.clip(np.rint((z - search.origin[2]) / search.step), 0, len(basins.labels) - 1))
-    here = OUTSIDE if place is None else basins.at(search, place)
-    numbers, areas = basin_image(basins, here, name, basins.labels[at])
-    corners = np.stack([search.origin, np.add(search.origin, search.size)])[:, :2]
-    edges = corners + np.multiply([[-0.5], [0.5]], search.step)
-    return _floor(TABLE[numbers], edges, height, None, areas=areas)
+    rgb = frozen_array(to_rgb(normalise(cost[0], low, high, log)), np.uint8)
+    (x, y), (width, depth) = domain[0].tolist(), np.ptp(domain, axis=0).tolist()
+    return Floor(rgb, (x, y), (width, depth), bar, (), height, show_minima=False)

@@ -6,7 +6,7 @@ lesson, part      name of a lesson; number of its step, from 1, and perhaps of t
 step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
 microphone        whose map is shown, from 0, or "none"
 modes             of the map, as "1-20", or "solver" for those in use
-map               "flat", "relief", "shape", "basins", "volume" or "none"
+map               "flat", "relief", "shape", "volume" or "none"
 view              "top", "3d" or "close"; azimuth and elevation, degrees; or a camera: position, target and upward
                   direction, metres, and field of view, radians
 trails            "on" or "off": whether the path of each estimate is drawn
@@ -25,7 +25,7 @@ from urllib.parse import parse_qsl
 
 from .validation import InputError, shown
 
-Map = Literal["flat", "relief", "shape", "basins", "volume", "none"]
+Map = Literal["flat", "relief", "shape", "volume", "none"]
 View = Literal["top", "3d", "close"]
 Unit = Literal["step", "sweep", "stage"]  # in which the number of a state is counted
 UNITS: tuple[Unit, ...] = get_args(Unit)

@@ -114,6 +114,14 @@ def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessm
     return kept if len(kept) else sought
 
 
+def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
+    """Return the numbers (K,) of the microphones whose errors are averaged: those sought with healthy channels."""
+    everything = np.arange(inputs.measurement.count)
+    free = np.setdiff1d(everything, inputs.given)
+    found = None if state.channels is None else assess_state(inputs, problem_of(inputs), state)
+    return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
+
+
 LONGER = 4.0  # factor on a time limit that was too short
 FREE_SOUND_SPEED = 0.05  # relative, one sigma of a sound speed before it is estimated: 30 K in air
 

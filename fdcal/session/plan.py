@@ -1,4 +1,4 @@
-"""A plan: how exact an array will be calibrated, before anything is recorded, as numbers, in words and as JSON.
+"""A plan: how exact an array will be calibrated, before anything is recorded, as numbers and in words.
 
 A `PlanRequest` is an array, from a table, a geometry of Acoular, a scene or words such as "circle 16 0.2", and the
 circumstances of its calibration. The bound takes all frequencies as independent. They are not: the pressures of a room
@@ -17,8 +17,7 @@ For small arrays in space it adds the short windows of the recording, which coun
 independent ones whatever the length of the recording, because a room has few waves.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
-positions of the source, and the information of a Gaussian field decreases with its noise. Lengths are metres in JSON,
-millimetres in words.
+positions of the source, and the information of a Gaussian field decreases with its noise.
 """
 
 from collections.abc import Sequence
@@ -543,38 +542,3 @@ def _advice(plan: Plan) -> str:
     uncertain = request.known_sigma > 0 and len(request.known) > 0
     remedy = "measure the given positions better" if uncertain else "use more microphones or a wider band"
     return f"nothing in this table reaches {wanted}: {remedy}"
-
-
-FORMAT = 1  # of the JSON
-
-
-def plan_dict(plan: Plan) -> dict:
-    """Return a plan as JSON holds it: lengths in metres, frequencies in hertz."""
-    request = plan.request
-    return {
-        "format": FORMAT,
-        "layout": request.layout.name,
-        "names": list(request.layout.names),
-        "positions_m": request.layout.positions.tolist(),
-        "room_m": None if request.room is None else list(request.room),
-        "reverberation_time_s": request.reverberation_time,
-        "snr_db": request.snr_db,
-        "band_hz": list(request.limits),
-        "f_max_hz": request.f_max,
-        "modes": len(request.frequencies),
-        "takes": request.takes,
-        "known": [request.layout.names[n] for n in request.known],
-        "known_sigma_m": request.known_sigma,
-        "gain_sigma_db": request.gain_sigma_db,
-        "kind": request.kind,
-        "accuracy_m": request.accuracy,
-        "expected_rms_m": plan.forecast.rms,
-        "expected_range_m": [plan.forecast.low, plan.forecast.high],
-        "bound_rms_m": plan.bound.rms,
-        "bound_m": plan.bound.sigma.tolist(),
-        "covariance_m2": plan.bound.covariance.tolist(),
-        "scale_sigma": plan.bound.scale_sigma,
-        "table": {"takes": list(plan.takes), "snr_db": list(plan.snr_db), "expected_rms_m": plan.expected.tolist()},
-        "degeneracies": list(plan.degeneracies),
-        "text": plan_lines(plan),
-    }

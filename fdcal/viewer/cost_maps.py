@@ -16,14 +16,12 @@ from typing import get_args
 import numpy as np
 
 from ..cost import maps
-from ..cost.basins import basins_of
 from ..cost.eq7 import ORDER_OFFSET, decibels, expansion_of
 from ..cost.scale import Minima
-from ..graphics.heatmap import basin_floor, cost_floor, descent_text
+from ..graphics.heatmap import MAX_WAVES, cost_floor, wave_floor
 from ..graphics.picture import row_word, z_range_of
 from ..graphics.primitives import Floor
-from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, basin_layer, layer_floor, sampled_volume, volume_of
-from ..graphics.waves import MAX_WAVES, wave_floor
+from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, layer_floor, sampled_volume, volume_of
 from ..model.address import Map
 from ..model.measurement import Measurement
 from ..model.settings import Search
@@ -33,7 +31,7 @@ from .html import error_message
 from .prepare import PreparedRun
 from .scheduler import Memo, Scheduler
 
-# Kinds of map: colours; colours and heights; the sound field of the last mode; basins of attraction; isosurfaces; none.
+# Kinds of map: colours; colours and heights; the sound field of the last mode; isosurfaces; none.
 MAP_KINDS = get_args(Map)
 
 
@@ -48,8 +46,8 @@ class MapStyle:
 
     @property
     def volume(self) -> bool:
-        """Whether the cost in space is computed; the basins of an array in space are those in three dimensions."""
-        return self.in_space and self.kind in ("volume", "basins")
+        """Whether the cost in space is computed."""
+        return self.in_space and self.kind == "volume"
 
 
 @dataclass(frozen=True)
@@ -207,7 +205,6 @@ class CostMap:
     lowest: float  # lowest cost of the map
     fine: bool = False  # whether its lattice is finer than the solver's
     volume: Volume | None = None  # over the floor, or None of a map on the floor alone
-    note: str = ""  # on the basins of attraction, in words; "" of other maps
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
     # the cost of a likelihood that is shown as 0 dB; None for Eq. 7
     base: float | None = None
@@ -234,11 +231,6 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
         here = lowest
     figures = minima, here, lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
-    if style.kind == "basins":
-        basins, (place, name) = basins_of(total), place_of_basin(run, request)
-        floor = replace(basin_floor(basins, search, minima, place, name, height), show_minima=style.minima)
-        note = descent_text(basins, search, place, name)
-        return CostMap(request, floor, *figures, note=note, base=base)
     label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
@@ -246,14 +238,6 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
         shown, search, style.log, label, minima=minima, relief=style.kind == "relief", height=height,
     )  # fmt: skip
     return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base)
-
-
-def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
-    """Return the position whose basin is highlighted, and its name: the true position if known, or the estimate."""
-    positions = np.asarray(request.state.positions)
-    truth = run.drawn_truth(positions)
-    places, name = (positions, "estimate") if truth is None else (truth, f"{run.measurement.reference} position")
-    return places[request.microphone], name
 
 
 COARSE_POINTS = 26  # along the longest edge
@@ -274,8 +258,8 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        # of volumes, by whether fine: the values, what is drawn of them without the layer, and their basins
-        self._sampled, self._drawn, self._found = ({False: Memo(), True: Memo()} for _ in range(3))
+        # of volumes, by whether fine: the values, and what is drawn of them without the layer
+        self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
         self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
         self.worker = threads.map(self._compute)
         self._fine_worker = threads.job(self._compute_fine)
@@ -344,23 +328,16 @@ class CostMapWorker:
 
         if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
             return None
-        z, note = float(position[2]), ""
         height = z_range_of(self._run.known_scene, self._run.measurement)[0]
         minima = sampled.minima if style.minima else None
-        if style.kind == "basins":
-            basins = self._found[fine](lambda: basins_of(sampled.cost), key)
-            home, name = place_of_basin(self._run, request)
-            floor, volume = basin_layer(basins, sampled.search, z, height, home, name), Volume(None, None, (), minima)
-            note = descent_text(basins, sampled.search, home, name)
-        else:
-            shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
-            volume = self._drawn[fine](lambda: volume_of(*shown), key, style.log, style.minima)
-            floor = layer_floor(volume, sampled, z, height, style.log, pixels)
-            fine = fine and pixels == PIXELS
+        shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
+        volume = self._drawn[fine](lambda: volume_of(*shown), key, style.log, style.minima)
+        floor = layer_floor(volume, sampled, float(position[2]), height, style.log, pixels)
+        fine = fine and pixels == PIXELS
         found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
         here = float("nan") if found is None else float(found[0, 0, 0])
         lowest = float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
-        return CostMap(request, floor, sampled.minima, here, lowest, fine, volume, note, sampled)
+        return CostMap(request, floor, sampled.minima, here, lowest, fine, volume, sampled)
 
     def _compute(self, request: CostMapRequest) -> CostMap | None:
         """Return a map over the solver's lattice, or a coarse volume; on the fast thread."""
@@ -376,14 +353,12 @@ class CostMapWorker:
             own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
             floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
             return CostMap(request, floor, None, 0.0, 0.0)
-        if request.style.kind == "basins":
-            search = maps.lattice_of(run.problem, modes)  # a lattice without false minima
 
         def compute() -> tuple[Reals, Minima]:
             total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)
             return total, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
 
-        total, minima = self._costs(compute, request.key, request.style.kind == "basins")
+        total, minima = self._costs(compute, request.key)
         return cost_map(run, request, total, search, minima)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:

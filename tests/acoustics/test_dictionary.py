@@ -21,11 +21,16 @@ from fdcal.acoustics.dictionary import (
     spherical_bessel,
 )
 from fdcal.acoustics.measure import measure
-from fdcal.acoustics.plane_waves import MAX_FREQUENCY, plane_wave_pressures, plane_wave_responses
+from fdcal.acoustics.plane_waves import (
+    MAX_FREQUENCY,
+    SdmResponse,
+    load_sdm_response,
+    plane_wave_pressures,
+    plane_wave_responses,
+)
 from fdcal.acoustics.spectrum import laplace_transform
 from fdcal.model.room import response_path
 from fdcal.model.scene import load_scene
-from fdcal.model.sdm_response import SdmResponse, load_sdm_response
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 

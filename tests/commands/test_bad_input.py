@@ -67,7 +67,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["plan", LAYOUT, "--frequencies", "all"], ["is not a band; write LO:HI"]),
         (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "as 7x6x2.7"]),
         (["plan", LAYOUT, "--gain-sigma", "1"], ["'--gain-sigma'", "as 1dB"]),
-        (["plan", LAYOUT, "-o", "plan.txt"], ["plan.txt", "write plan.json"]),
     ],
 )
 def test_bad_arguments_exit_2(arguments, words, refused):

@@ -13,12 +13,12 @@ from PIL import Image
 from running import done, exit_code
 
 from fdcal.cost.eq7 import ReferenceCost
-from fdcal.graphics.heatmap import PLACE
+from fdcal.graphics.heatmap import to_rgb
+from fdcal.graphics.marks import ESTIMATE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
 from fdcal.model.room import folder_of
 from fdcal.model.scene import load_scene
-from fdcal.session import plan
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -129,12 +129,14 @@ def test_landscape_finds_the_true_place_and_draws_and_writes_it(made, tmp_path):
     assert 'Name="sum"' in (tmp_path / "map.vti").read_text()
 
 
-def test_a_snapshot_shows_the_basin_of_the_true_position(made, tmp_path, one_painter, refused):
-    options = ("--size", "320x200", "--microphone", 9, "--basins", "--result", made / "result.json")
-    done("snapshot", "tiny", *options, "-o", "basins.png", folder=tmp_path)
-    assert "--force" in refused("snapshot", "tiny", "-o", "basins.png")
-    basins = np.asarray(Image.open(tmp_path / "basins.png"), int)
-    assert (np.abs(basins[..., :3] - PLACE).max(axis=-1) < 8).sum() > 500, "in its own colour"
+def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, refused):
+    options = ("--size", "320x200", "--microphone", 9, "--result", made / "result.json")
+    done("snapshot", "tiny", *options, "-o", "map.png", folder=tmp_path)
+    assert "--force" in refused("snapshot", "tiny", "-o", "map.png")
+    picture = np.asarray(Image.open(tmp_path / "map.png"), int)
+    dark, bright = to_rgb(np.array([0.0, 1.0])).astype(int)
+    for colour in (dark, bright, ESTIMATE):
+        assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 20, colour
 
 
 def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
@@ -142,7 +144,7 @@ def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painte
     scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
     done("snapshot", scene, "--microphone", 10, *size, "-o", "ball.png", folder=tmp_path)
     image = np.asarray(Image.open(tmp_path / "ball.png"), int)
-    assert image.shape[:2] == (300, 400) and (np.abs(image[..., :3] - PLACE).max(axis=-1) < 8).sum() < 500
+    assert image.shape[:2] == (300, 400) and image[..., :3].std() > 10
     printed = done("landscape", scene, "--microphone", 10, "-o", "ball.vti", folder=tmp_path)
     assert "least cost" in printed and 'Name="cost_dB"' in (tmp_path / "ball.vti").read_text()
 
@@ -161,20 +163,9 @@ def test_app_py_opens_the_page(monkeypatch, capsys):
     assert ended.value.code == 2 and '"nowhere" is unknown' in capsys.readouterr().err
 
 
-def test_a_plan_is_written_in_each_format(tmp_path, capsys, monkeypatch):
-    made, make = [], plan.make_plan  # one plan, in both formats
-
-    def make_once(request, **others):
-        made.extend([] if made else [make(request, **others)])
-        return made[0]
-
-    monkeypatch.setattr(plan, "make_plan", make_once)
-    for suffix, first in ((".json", b"{"), (".png", PNG)):
-        path = tmp_path / f"plan{suffix}"
-        assert exit_code("plan", "rectangle 4x4 0.5x0.5", "--known", "0,3,12", "-o", path) == 0
-        printed = capsys.readouterr().out
-        assert path.read_bytes().startswith(first)
-    assert json.loads((tmp_path / "plan.json").read_text())["known"] == ["0", "3", "12"]
+def test_a_plan_is_printed(capsys):
+    assert exit_code("plan", "circle 8 0.2", "--known", "0,3,6") == 0
+    printed = capsys.readouterr().out
     assert "Cramer-Rao" in printed and "places of the source" in printed
 
 

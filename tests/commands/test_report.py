@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.commands.plotting import error_title
-from fdcal.commands.report import summary
+from fdcal.commands.report import error_title, summary
 from fdcal.model.validation import length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings

@@ -1,4 +1,4 @@
-"""Local minima count by their prominence, and descent from each place ends at the minimum that its label names."""
+"""Local minima count by their prominence, and a path downhill ends at the minimum of its basin."""
 
 import numpy as np
 import pytest
@@ -22,30 +22,14 @@ def lattice(search=SEARCH):
 
 
 def waves(rng):
-    """Cost and gradient of a sum of waves in a bowl, as functions of places (P, 2), metres."""
+    """The cost of a sum of waves in a bowl, as a function of places (P, 2), metres."""
     k, phase = rng.normal(0.0, 5.0, (6, 2)), rng.uniform(0, 2 * np.pi, 6)
     middle = np.array([0.6, 0.45])
 
     def cost(places):
         return np.sin(places @ k.T + phase).sum(axis=-1) + 4 * ((places - middle) ** 2).sum(axis=-1)
 
-    def gradient(places):
-        return np.cos(places @ k.T + phase) @ k + 8 * (places - middle)
-
-    return cost, gradient
-
-
-def descended(places, gradient, high):
-    """Where steepest descent ends that follows the exact gradient in short steps and stays inside the map."""
-    places, stride = places.copy(), np.full((len(places), 1), STEP / 4)
-    before = np.zeros_like(places)
-    for _ in range(4000):
-        slope = gradient(places)
-        slope[((places <= 0) & (slope > 0)) | ((places >= high) & (slope < 0))] = 0
-        direction = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
-        stride[np.sum(direction * before, axis=1) < 0] /= 2  # it has gone past the minimum
-        places, before = np.clip(places - stride * direction, 0, high), direction
-    return places
+    return cost
 
 
 def test_a_ripple_does_not_count_and_a_minimum_does():
@@ -96,45 +80,19 @@ def test_the_minima_are_those_whose_climb_exceeds_the_depth(shape, seed):
         assert (np.diff(cost.ravel()[found]) > 0).all(), "the lowest first"
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_every_place_of_a_basin_ends_at_its_minimum_by_explicit_descent(seed):
-    """At all places but those within two steps of a border: there the lattice decides."""
-    cost, gradient = waves(np.random.default_rng(seed))
-    x, y = lattice()
-    basins = basins_of(cost(np.stack([x, y], axis=-1)), 0.001)
-    labels = basins.labels
-    inner = np.ones(labels.shape, bool)
-    for axis in (0, 1):
-        for shift in (-2, -1, 1, 2):
-            inner &= np.roll(labels, shift, axis) == labels
-    inner[[0, 1, -2, -1]] = inner[:, [0, 1, -2, -1]] = False  # where np.roll has looked at the other side
-    rows, columns = np.nonzero(inner)
-    chosen = np.random.default_rng(1).choice(len(rows), 400, replace=False)
-    ends = descended(np.stack([x, y], axis=-1)[rows, columns][chosen], gradient, np.array([1.2, 0.9]))
-    minima = STEP * basins.minima[:, ::-1]
-    found = labels[rows, columns][chosen]
-    for end, label in zip(ends, found, strict=True):
-        if label == OUTSIDE:
-            assert min(end.min(), 1.2 - end[0], 0.9 - end[1]) < STEP, "at the edge of the map"
-        else:
-            assert np.linalg.norm(minima[label] - end) < 1.5 * STEP
-    assert len(set(found.tolist())) > 1
-
-
 def test_the_minima_are_those_that_the_map_marks():
     for seed in range(6):
         x, y = lattice()
-        cost = waves(np.random.default_rng(seed))[0](np.stack([x, y], axis=-1))
+        cost = waves(np.random.default_rng(seed))(np.stack([x, y], axis=-1))
         basins = basins_of(cost)
         np.testing.assert_array_equal(basins.minima, local_minima(cost))
         np.testing.assert_array_equal(basins.labels[tuple(basins.minima.T)], np.arange(len(basins.minima)))
-        assert basins.shares.sum() + basins.outside == pytest.approx(1)
 
 
 def test_descent_down_a_slope_leaves_the_map():
     x, y = lattice()
     slope = basins_of(x + 0.3 * y)
-    assert (slope.labels == OUTSIDE).all() and slope.outside == 1 and not len(slope.minima)
+    assert (slope.labels == OUTSIDE).all() and not len(slope.minima)
     assert len(local_minima(np.ones((20, 30)))) == 0, "nor has a level cost a minimum"
 
 

@@ -9,7 +9,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import heatmap, marks, primitives
+from fdcal.graphics import marks, primitives
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.model.settings import Search
@@ -131,7 +131,6 @@ ENDS = 255 * matplotlib.colormaps[primitives.COLOUR_MAP]([0.0, 1.0])[:, :3]
 ON_MAP = {**MARKS, "faulty": marks.FAULTY, "low": ENDS[0], "high": ENDS[1]}
 MARKS["halo"] = marks.HALO
 TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
-BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(heatmap.TABLE.tolist())}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
 
@@ -139,8 +138,8 @@ MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectr
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize(
     "palette",
-    [MARKS, ON_MAP, TRACES, CURVES, MODES, BASINS],
-    ids=["marks", "map", "traces", "curves", "modes", "basins"],
+    [MARKS, ON_MAP, TRACES, CURVES, MODES],
+    ids=["marks", "map", "traces", "curves", "modes"],
 )
 def test_colours_of_one_picture_are_distinguishable(palette, eye):
     places = dict(zip(palette, lab(list(palette.values()), eye), strict=True))

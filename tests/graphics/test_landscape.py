@@ -10,11 +10,10 @@ import pytest
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
-from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor, relief_grid
+from fdcal.graphics.heatmap import RELIEF_HEIGHT, WAVE_POINTS, cost_floor, relief_grid, wave_floor
 from fdcal.graphics.landscape import draw_landscape, figure_bytes
 from fdcal.graphics.marks import drape
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
-from fdcal.graphics.waves import POINTS, wave_floor
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 
@@ -98,7 +97,7 @@ def test_a_cost_of_both_signs_has_a_linear_scale():
 
 def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_microphone_measures(measured):
     measurement, problem = measured
-    truth, n, lattice = measurement.positions, 8, refined(problem.search, POINTS)
+    truth, n, lattice = measurement.positions, 8, refined(problem.search, WAVE_POINTS)
     floor = wave_floor(problem, truth, n, [(12, "mode 12, x"), (15, "mode 15, x")], 2)
     field, level = mode_shape(problem, truth, 15, 2, None, n, lattice)
     warm = floor.rgb[..., 0].astype(int) - floor.rgb[..., 2]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
+from fdcal.acoustics.plane_waves import load_sdm_response
 from fdcal.model.room import response_path
-from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.validation import InputError
 
 ROOM = str(response_path("listening_lab"))

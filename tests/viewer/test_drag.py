@@ -18,7 +18,6 @@ from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
 from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import MapStyle, place_of_basin
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
@@ -305,9 +304,9 @@ def test_ellipses_turn_with_the_array(blind):
         np.testing.assert_allclose(after, before, atol=1e-12)
 
 
-def test_basins_have_the_true_position_where_the_map_has_it(blind):
+def test_the_true_positions_stay_where_the_map_has_them(blind):
     """Microphone 0 is dead: it is far off, and the others determine the motion."""
-    frame, truth, n = DisplayFrame(blind), blind.measurement.positions, 3
+    frame, truth = DisplayFrame(blind), blind.measurement.positions
     state, healthy = blind.session.view.state, np.arange(1, 10)
     first, frame.by = frame.state(state), healthy
     off = position_errors(frame.state(state).positions, truth)
@@ -315,9 +314,6 @@ def test_basins_have_the_true_position_where_the_map_has_it(blind):
     np.testing.assert_allclose(off, blind.measurement.errors(state.positions, healthy), atol=1e-12)
     shown = frame.state(replace(state, positions=state.positions + np.eye(10, 1) * np.array([0.4, -0.3])))
     np.testing.assert_array_equal(blind.drawn_truth(shown.positions), truth)
-    asked = {"modes": (1,), "take": None, "order_offset": 0, "style": MapStyle()}
-    request = SimpleNamespace(microphone=n, state=shown, **asked)
-    np.testing.assert_array_equal(place_of_basin(blind, request)[0], truth[n])
 
 
 def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):

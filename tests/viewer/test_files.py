@@ -18,8 +18,7 @@ from replays import contents
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.graphics.overlays import with_volume
-from fdcal.graphics.picture import compose, with_floor
+from fdcal.graphics.picture import compose
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
@@ -210,16 +209,6 @@ def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, sp
     state = dataclasses.replace(space.view.state, positions=out)
     request = space.choices.map_request(space.run, dataclasses.replace(space.view, state=state), MICROPHONE)
     assert request.state.positions[MICROPHONE][2] == pytest.approx(1.8), "the highest number of the ruler"
-
-
-def test_basins_in_space_are_a_layer_without_isosurfaces(worker, space):
-    drawn = first(worker, styled(space.map_request, kind="basins"), True)
-    assert drawn.volume.bar is None and drawn.volume.surface is None and drawn.volume.minima
-    assert drawn.floor.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
-    picture = with_floor(with_volume(compose(space.run.scene, space.run.measurement), drawn.volume), drawn.floor)
-    assert picture.bar is None and picture.areas == drawn.floor.areas
-    middle = drawn.floor.rgb[drawn.floor.rgb.shape[0] // 2, drawn.floor.rgb.shape[1] // 2]
-    assert any(tuple(middle) == area.colour for area in drawn.floor.areas)
 
 
 def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, work, controls):

@@ -1,4 +1,4 @@
-"""Maps belong to what is looked at: on the floor, as basins, in a sweep of modes, along a cut."""
+"""Maps belong to what is looked at: on the floor, in a sweep of modes, along a cut."""
 
 import dataclasses
 import time
@@ -9,18 +9,16 @@ import pytest
 from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
-from fdcal.cost.basins import basins_of, local_minima
-from fdcal.cost.maps import cost_maps, eq7_maps, minima_of, mode_powers, refined
-from fdcal.cost.scale import Minima
-from fdcal.graphics.annotations import legend_of
-from fdcal.graphics.heatmap import EDGE, OTHERS, PLACE, basin_floor, cost_floor, descent_text, marks_of
+from fdcal.cost.basins import local_minima
+from fdcal.cost.maps import cost_maps, eq7_maps, refined
+from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.settings import Search
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import sweep as sweeping
-from fdcal.viewer.tabs.map import EQ7, LABELS
+from fdcal.viewer.tabs.map import LABELS
 from fdcal.viewer.tabs.sweep import DOWN
 
 
@@ -147,89 +145,7 @@ def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work
     assert map_modes(high, state, (6,), 2) == (6,), "what the user has chosen is not replaced"
 
 
-NO_MARKS = Minima(np.zeros((0, 2)), np.zeros((0, 2)), 0, None)
 SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=0.01, radius=1.0)
-
-
-@pytest.fixture
-def basins_shown(opened):
-    """The page of `tiny` with basins of attraction, and a function that ticks it until something happens."""
-    tab = opened[0].tabs.map
-    set_by_client(tab.quantity, EQ7)
-    set_by_client(tab.kind, LABELS["basins"])
-    return opened
-
-
-def shown_basins(viewer, turn_until, n, modes):
-    """The fine map of basins on the page once it is of this microphone and these modes."""
-
-    def ready():
-        drawn = viewer.snapshot.picture.floor
-        alike = viewer.snapshot.microphone == n and viewer.snapshot.map_request.modes == modes
-        there = alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content
-        return there and drawn.lowest + drawn.minima == fine
-
-    tab, fine = viewer.tabs.map, expected(viewer, n, modes)[1]
-    turn_until(ready)
-    return viewer.snapshot.picture.floor
-
-
-def expected(viewer, n, modes):
-    """Basins and minima of the cost of the page on its fine lattice."""
-    run, state = viewer.run, viewer.binding.session.view.state
-    search, offset = refined(run.problem.search), viewer.binding.choices.map_order
-    maps = [cost_maps(run.problem, run.solver, state, n, (mode,), offset, search)[0] for mode in modes]
-    powers = mode_powers(run.problem, run.solver, state, modes, offset)
-    share = np.ones(len(modes)) if powers is None else powers / powers.sum()
-    cost = sum(a * one for a, one in zip(share, maps, strict=True))
-    lowest, others = marks_of(minima_of(cost, search))
-    return basins_of(cost), lowest + others, search
-
-
-@pytest.mark.parametrize("n, modes", [(9, (3, 4)), (12, (20,))])
-def test_the_basins_are_those_of_the_microphone_and_the_modes(basins_shown, n, modes):
-    viewer, turn_until = basins_shown
-    tab = viewer.tabs.map
-    tab.choose_microphone(n)
-    tab.choose_modes(modes)
-    floor = shown_basins(viewer, turn_until, n, modes)
-    basins, _, search = expected(viewer, n, modes)
-    truth = viewer.run.measurement.positions[n]
-    wanted = basin_floor(basins, search, NO_MARKS, truth)
-    np.testing.assert_array_equal(floor.rgb, wanted.rgb)
-    assert floor.areas == wanted.areas and floor.bar is None
-    assert descent_text(basins, search, truth) in tab.caption.content
-    texts = [entry.text for entry in legend_of(viewer.snapshot.picture)]
-    assert texts[: len(wanted.areas)] == [area.text for area in wanted.areas]
-
-
-def three_wells():
-    """A cost with three minima, whose basins hold a half, a third and a sixth of the map between them."""
-    x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
-    edges, middles = np.array([0.0, 0.6, 1.0, 1.2]), np.array([0.3, 0.8, 1.1])
-    well = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, 2)
-    half = np.diff(edges)[well] / 2
-    return ((x - middles[well]) / half) ** 2 + 0.1 * (y - 0.45) ** 2
-
-
-def test_the_first_colour_is_that_of_the_true_position_and_shares_add_up():
-    basins = basins_of(three_wells())
-    for place, share in (((0.2, 0.1), 50), ((0.7, 0.1), 33), ((1.05, 0.8), 17)):
-        floor = basin_floor(basins, SEARCH, NO_MARKS, place)
-        first = floor.areas[0]
-        assert (first.colour, first.text) == (PLACE, f"basin of the true position {share} %")
-        assert [int(area.text.split()[-2]) for area in floor.areas] == pytest.approx(
-            [share, *sorted({50, 33, 17} - {share}, reverse=True)], abs=1
-        )
-        finer = floor.rgb.shape[1] // 121
-        row, column = (round(value / 0.01) * finer + finer // 2 for value in place[::-1])
-        assert tuple(floor.rgb[row, column]) == PLACE
-    assert basin_floor(basins, SEARCH, NO_MARKS).areas[0].colour != PLACE
-    near = descent_text(basins, SEARCH, (0.3, 0.45))
-    assert near == "descent from the true position ends within 10 mm; its basin holds 50 % of the map"
-    far = descent_text(basins, SEARCH, (0.3, 0.15), "estimate")
-    assert far == "descent from the estimate ends 300 mm away; its basin holds 50 % of the map"
-    assert "leaves the map" in descent_text(basins, SEARCH, (2.0, 2.0))
 
 
 def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):
@@ -297,13 +213,3 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
         assert count == len(local_minima(maps.sum(axis=0))), m
     turn_until(lambda: "sum of 6 modes, 1 to 6" in sweep.text.content)
     assert len(sweep._plot.data[0]) == 6
-
-
-def test_many_basins_share_a_grey_and_the_edge_has_its_own():
-    x, y = np.meshgrid(np.linspace(0, 1.2, 121), np.linspace(0, 0.9, 91))
-    basins = basins_of(np.cos(27 * x) * np.cos(25 * y) + 0.1 * x)
-    floor = basin_floor(basins, SEARCH, NO_MARKS, (0.3, 0.3))
-    colours = [area.colour for area in floor.areas]
-    assert OTHERS in colours and EDGE in colours and len(colours) == len(set(colours))
-    percent = [float(area.text.split()[-2]) for area in floor.areas]
-    assert sum(percent) == pytest.approx(100, abs=3) and percent[1:6] == sorted(percent[1:6], reverse=True)

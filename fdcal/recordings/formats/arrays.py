@@ -40,7 +40,7 @@ LONGER = 2  # the axis of time is at least this many times as long as the other 
 UNEVEN = 0.01  # of a step: largest deviation of rounded times from evenly spaced ones
 MAX_LISTED = 6  # arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
-DIRECTIONS = {"azi_rad", "ele_rad"}  # of a measured room: `fdcal.model.sdm_response`
+DIRECTIONS = {"azi_rad", "ele_rad"}  # of a measured room: `fdcal.acoustics.plane_waves`
 
 Arrays = Mapping[str, Any]  # by name: arrays of NumPy, or objects with shape, ndim and dtype
 Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # opens the array of the samples

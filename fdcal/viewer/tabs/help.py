@@ -70,7 +70,7 @@ KEYS = (
     Key("I", "One mode less in the map", partial(_more_modes, -1)),
     Key("P", "Add modes one by one, or stop", "sweep"),
     Key("U", "Map of the modes in use", lambda page, _: page.viewer.tabs.map.choose_modes(None)),
-    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _next_kind),
+    Key("V", "Flat map, relief, mode shape, isosurfaces, no map", _next_kind),
     Key(
         "L",
         "Logarithmic or linear scale",

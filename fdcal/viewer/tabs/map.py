@@ -58,7 +58,7 @@ def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -
         lowest = f"below {drawn.text_of(found.end)}"
     places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
     lowest = f", lowest {lowest}{places}" if request.style.minima and drawn.base is None else ""
-    orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
+    orders = f"<br>{orders}" if orders else ""
     orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
     return f"<div style='{html.CARD}'>{what}<br>{cost}{lowest}{orders}</div>"
 
@@ -67,7 +67,7 @@ LINEAR, LOG = "Linear", "Logarithmic"
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 LABELS = {
-    "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last mode)", "basins": "Basins of attraction",
+    "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last mode)",
     "volume": "Isosurfaces (3-D)", "none": "No map",
 }  # fmt: skip
 
@@ -90,7 +90,7 @@ class MapTab(Tab):
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
             return lambda choices: self._possible and choices.kind in kinds
 
-        mapped, of_cost = of_kind(*MAP_KINDS[:-1]), of_kind("flat", "relief", "basins", "volume")
+        mapped, of_cost = of_kind(*MAP_KINDS[:-1]), of_kind("flat", "relief", "volume")
         self.kind = binding.dropdown(
             "Show", tuple(labels), lambda choices: LABELS[choices.kind], lambda label: self.show_as(labels[label]),
             visible=self._possible,

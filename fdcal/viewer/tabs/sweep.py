@@ -210,7 +210,7 @@ class SweepTab(Tab):
         While it plays, a map stays until the next one is computed.
         """
         sweep, style, found, swept = self._sweep, wanted.style, drawn, None
-        if sweep is not None and style.kind in ("flat", "basins") and not style.volume:
+        if sweep is not None and style.kind == "flat":
             of = sweep.request
             same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
             if same and (style.log, style.kind) == (of.style.log, of.style.kind):
@@ -257,7 +257,7 @@ class SweepTab(Tab):
         elif self._revision != revision and not self.playing:
             self._wanted = self.worker.requested = None  # its curve is of another state
         if (self.playing or self._revision == revision) and not state.view.running:
-            style, order = MapStyle("basins" if choices.kind == "basins" else "flat", choices.log), choices.map_order
+            style, order = MapStyle(log=choices.log), choices.map_order
             of = revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
             self._wanted = CostMapRequest(*of)
             self.worker.newest(self._wanted)

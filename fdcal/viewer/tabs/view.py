@@ -100,7 +100,7 @@ def _picture(snapshot: PageState) -> bytes:
     volume = None if snapshot.drawn is None else snapshot.drawn.volume
     if volume is not None:
         name = measurement.names[snapshot.microphone]
-        title += f"\n{'Basins of attraction' if snapshot.picture.areas else 'Cost'} of moving microphone {name}"
+        title += f"\nCost of moving microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
