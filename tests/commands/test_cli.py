@@ -136,7 +136,7 @@ def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, re
     picture = np.asarray(Image.open(tmp_path / "map.png"), int)
     dark, bright = to_rgb(np.array([0.0, 1.0])).astype(int)
     for colour in (dark, bright, ESTIMATE):
-        assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 20, colour
+        assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 5, colour
 
 
 def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
