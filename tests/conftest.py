@@ -24,6 +24,7 @@ from browsing import ARGUMENTS
 from PIL import Image
 from xdist.scheduler import LoadFileScheduling
 
+from fdcal.model import libraries
 from fdcal.model.room import folder_of
 from fdcal.recordings import frequencies, importer
 from fdcal.session import calibration_run
@@ -40,6 +41,7 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 
 ROOT = Path(__file__).parent.parent
 BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser
+PAINTER = re.compile(r"def \w+\([^)]*\b(painted|one_painter)\b")
 # The first is Chromium without what is around a page: it takes an eighth less of the processor.
 CHROMIUM = (
     "/usr/bin/chromium-headless-shell", "/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"
@@ -62,6 +64,29 @@ def cache(tmp_path_factory) -> Path:
         os.environ["PYTHONPYCACHEPREFIX"] = str(folder / "bytecode")
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder
+
+
+APART = libraries.call
+
+
+@pytest.fixture(scope="session", autouse=True)
+def readers_here():
+    """Files are read in this process, and not each by one of its own: all but a few of a test are in order."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(libraries, "call", called_here)
+        yield
+
+
+def called_here(function, *arguments, **limits):
+    """What `libraries.call` returns, without a process; it passes copies, too."""
+    function, arguments = pickle.loads(pickle.dumps((function, arguments)))
+    return function(*arguments)
+
+
+@pytest.fixture
+def apart(monkeypatch) -> None:
+    """Files that may crash a library are read by a process of its own, as a user's are."""
+    monkeypatch.setattr(libraries, "call", APART)
 
 
 @pytest.fixture(scope="session")
@@ -102,8 +127,8 @@ def remembered_runs(cache):
 
 @pytest.fixture
 def quick_import(monkeypatch):
-    """Recordings give at most 240 rows and no short windows: a calibration takes a fraction of its time."""
-    monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=240))
+    """Recordings give at most 160 rows and no short windows: a calibration takes a fraction of its time."""
+    monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=160))
     monkeypatch.setattr(importer, "short_windows", lambda *_: None)
 
 
@@ -153,19 +178,24 @@ def pytest_collection_finish() -> None:
 
 
 @functools.cache
+def shared_by(path: Path) -> str:
+    """What the tests of a file share with those of other files; "" for nothing."""
+    text = path.read_text(encoding="utf-8")
+    if path.parent.name == "in_browser":
+        return "page"
+    return "browser" if BROWSER.search(text) else "painter" if PAINTER.search(text) else ""
+
+
 def has_browser(path: Path) -> bool:
-    """Whether a test of a file needs a browser."""
-    return path.parent.name == "in_browser" or BROWSER.search(path.read_text(encoding="utf-8")) is not None
+    return shared_by(path) in ("page", "browser")
 
 
 class FewBrowsers(LoadFileScheduling):
-    """Each file's tests on one worker, those that share a page on one, and those of all other browser files on one."""
+    """Each file's tests on one worker, and on one those of all files that share a page, a browser or a painter."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
-        if not has_browser(self.config.rootpath / file):
-            return file
-        return "shared page" if "in_browser/" in file else "browser"
+        return shared_by(self.config.rootpath / file) or file
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -227,44 +257,44 @@ def browser(require_browser):
         chromium.close()
 
 
-@pytest.fixture(scope="session")
-def require_gl(cache) -> None:
-    """A GL library that draws without a screen; probed once in a child, since VTK without one ends the interpreter."""
-    draw = "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(32, 32)); p.screenshot(return_img=True)"
-    environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
-    probed = cache / "gl"
-    if not probed.exists():
-        probe = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True, timeout=120)
-        probed.write_text(str(probe.returncode))
-    if probed.read_text() != "0":
-        _missing("no off-screen GL: apt-get install -y libegl1 libgl1-mesa-dri")
-
-
 PAINT = """
 import os, pickle, sys
 out = os.fdopen(os.dup(1), "wb")
 os.dup2(2, 1)  # what a library prints is no image
+os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
+import pyvista
+pyvista.Plotter(off_screen=True, window_size=(32, 32)).screenshot(return_img=True)
 from fdcal.graphics.snapshot import draw
 while True:
+    pickle.dump(True, out)  # it can draw
+    out.flush()
     try:
         arguments = pickle.load(sys.stdin.buffer)
     except EOFError:
         break
     pickle.dump(draw(*arguments), out)
-    out.flush()
 """
 
 
 @pytest.fixture(scope="session")
-def painted(require_gl):
-    """Function (picture, size, view) -> image (H, W, 3) int as of `render_png`, from one process for all, with VTK."""
+def painted(cache):
+    """Function (picture, size, view) -> image (H, W, 3) int as of `render_png`, from one process for all, with VTK.
+
+    Without a library that draws without a screen VTK ends this process.
+    """
     process = subprocess.Popen([sys.executable, "-c", PAINT], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdin and process.stdout
+    try:
+        pickle.load(process.stdout)
+    except EOFError:
+        _missing("no off-screen GL: apt-get install -y libegl1 libgl1-mesa-dri")
 
     def paint(picture, size, view):
         pickle.dump((picture, tuple(size), view), process.stdin)
         process.stdin.flush()
-        return pickle.load(process.stdout).astype(int)
+        image = pickle.load(process.stdout).astype(int)
+        assert pickle.load(process.stdout)
+        return image
 
     yield paint
     process.stdin.close()

@@ -1,21 +1,12 @@
-"""Commands of `fdcal`, run as a user would: in a process of their own, or in this one, which saves time."""
+"""Commands of `fdcal`, run in this process, which saves the time to start another and to load the libraries."""
 
 import contextlib
 import io
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from fdcal.commands.cli import main
-
-FDCAL = [sys.executable, "-m", "fdcal"]
-
-
-def fdcal(*arguments, folder: Path) -> subprocess.CompletedProcess:
-    """A command in a process of its own, as a user runs it."""
-    return subprocess.run([*FDCAL, *map(str, arguments)], capture_output=True, text=True, timeout=120, cwd=folder)
 
 
 def exit_code(*arguments) -> int:
@@ -26,10 +17,7 @@ def exit_code(*arguments) -> int:
 
 
 def done(*arguments, folder: Path) -> str:
-    """Standard output of a command that must succeed; a calibration may end with a verdict that is not good.
-
-    In this process: to start another and to load the libraries again takes longer than most commands.
-    """
+    """Standard output of a command that must succeed; a calibration may end with a verdict that is not good."""
     out, errors = io.StringIO(), io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
         code = exit_code(*arguments)

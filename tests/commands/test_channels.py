@@ -25,7 +25,7 @@ def spoiled(made, tmp_path_factory):
     p[:, INVERTED] *= -1
     p[:, DEAD] = 1e-3 * np.abs(p).mean() * (rng.normal(size=len(p)) + 1j * rng.normal(size=len(p)))
     np.savez(folder / "spoiled.npz", **table)
-    return folder, done("calibrate", "spoiled.npz", "-o", "result.json", folder=folder)
+    return folder, done("calibrate", "spoiled.npz", "--modes", 24, "-o", "result.json", folder=folder)
 
 
 def test_faulty_channels_are_named_and_the_verdict_of_the_others_is_good(spoiled):

@@ -7,11 +7,12 @@ import subprocess
 import sys
 
 import pytest
-from running import FDCAL
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands import cli, options
 from fdcal.model import scene as scenes
+
+FDCAL = [sys.executable, "-m", "fdcal"]
 
 
 @pytest.fixture

@@ -1,12 +1,11 @@
-"""Broken files, as of `benchmarks fuzz`, a few of each."""
+"""Broken files, as of `benchmarks fuzz`, a few of each that no C library reads."""
 
 import pytest
 
-from benchmarks.fuzzing import examine
+from benchmarks.fuzzing.examine import faults
 from benchmarks.fuzzing.readers import READERS
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", [name for name, reader in READERS.items() if not reader.apart])
 def test_broken_files_are_refused_in_one_line(name):
-    found = (examine.faults_apart if READERS[name].apart else examine.faults)(name, 0, READERS[name].cases)
-    assert not found, "\n".join(found[:3])
+    assert not (found := faults(name, 0, 12)), "\n".join(found[:3])

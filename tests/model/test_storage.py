@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from recorded import FS, responses
-from running import fdcal
+from running import exit_code
 
 from fdcal.acoustics import fdtd
 from fdcal.acoustics.measure import cached_measurement, cached_recordings
@@ -130,17 +131,16 @@ def test_a_member_that_is_no_array_is_refused(key, read, tmp_path):
     assert f'"{key}"' in refusal(read, tmp_path / "odd.npz")
 
 
-def test_a_sound_whose_name_is_not_utf8_is_imported_under_such_a_name(tmp_path):
-    import soundfile
-
+def test_a_sound_whose_name_is_not_utf8_is_imported_under_such_a_name(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     samples = np.pad(responses(8), ((0, 0), (0, 1600)))
     soundfile.write(tmp_path / "plain.wav", (samples / np.abs(samples).max()).T, int(FS), subtype="FLOAT")
     name = os.fsencode(tmp_path) + b"/M\xfcnchen.wav"
     os.rename(tmp_path / "plain.wav", name)
     assert formats.read(os.fsdecode(name)).count == 8
     target = os.fsdecode(b"Z\xfcrich.npz")
-    run = fdcal("import", os.fsdecode(name), "-o", target, "--array-radius", 0.5, folder=tmp_path)
-    assert (run.returncode, run.stderr) == (0, "")
+    assert exit_code("import", os.fsdecode(name), "-o", target, "--array-radius", 0.5) == 0
+    assert capsys.readouterr().err == ""
     assert load_measurement(tmp_path / target).count == 8
 
 

@@ -73,7 +73,9 @@ def test_a_response_that_begins_at_its_end_and_an_echo_of_the_sweep_before_the_e
         taken(noisy(samples, 60.0))
 
 
-@pytest.mark.parametrize("snr_db", [10.0, 30.0, 60.0, 90.0])
-@pytest.mark.parametrize("silence", [(0, 0), (0, 1000), (0, 4000), (800, 1600)])
-def test_a_response_in_noise_or_one_that_begins_late_is_accepted(snr_db, silence, taken):
-    assert taken(noisy(np.pad(responses(8), ((0, 0), silence)), snr_db))[0].count == 8
+def test_a_response_in_noise_or_one_that_begins_late_is_accepted(taken):
+    for snr_db in (10.0, 30.0, 60.0, 90.0):
+        for silence in ((0, 0), (0, 1000), (0, 4000), (800, 1600)):
+            samples = noisy(np.pad(responses(8), ((0, 0), silence)), snr_db)
+            impulse_response.require_quiet_end(recording_of("room", "impulse", FS, samples), (20.0, 400.0))
+    assert taken(samples)[0].count == 8

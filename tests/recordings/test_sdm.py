@@ -5,10 +5,9 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import load_sdm_response
-from fdcal.model.room import response_path
 from fdcal.model.validation import InputError
 
-ROOM = str(response_path("listening_lab"))
+pytestmark = pytest.mark.usefixtures("apart")
 
 
 @pytest.fixture

@@ -169,7 +169,7 @@ def test_a_calibration_takes_several_files(folder, tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     write_places(Path("places.csv"), places(COUNT))
     files = [folder / f"take{s}.wav" for s in range(3)]
-    options = ["--positions", "places.csv", "--temperature", "30", "--modes", "24", "--gains", "fixed", "-o", "r.json"]
+    options = ["--positions", "places.csv", "--temperature", "30", "--modes", "12", "--gains", "fixed", "-o", "r.json"]
     ended = exit_code("calibrate", *files, *options)
     printed = capsys.readouterr()
     assert ended in (0, 4), printed.err
@@ -203,21 +203,18 @@ def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_pat
     assert report.left_out == {"3": "silent"}
 
 
-COPIES = {
-    "scaled": lambda x: -0.3 * x,
-    "cut": lambda x: x[:, 3011:],
-    "resampled": lambda x: resample_poly(resample_poly(x, 147, 160, axis=1), 160, 147, axis=1),
-}
-
-
-@pytest.mark.parametrize("copied", [*COPIES])
-def test_a_copy_of_a_take_is_no_take(tmp_path, copied):
+def test_a_copy_of_a_take_is_no_take(tmp_path):
     samples = noisy(playing(0, 12, 1), 40)
     one = write(tmp_path / "one.wav", samples)
-    other = write(tmp_path / "copy.wav", COPIES[copied](samples))
     moved = write(tmp_path / "moved.wav", noisy(playing(1, 12, 1), 40))  # the same sound from another place
-    with pytest.raises(InputError, match=r"copy\.wav is a copy of .*one\.wav.*give each take once"):
-        import_recording([one, moved, other], ImportOptions(files="takes", **GIVEN))
+    for copied in (
+        -0.3 * samples,
+        samples[:, 3011:],
+        resample_poly(resample_poly(samples, 147, 160, axis=1), 160, 147, axis=1),
+    ):
+        other = write(tmp_path / "copy.wav", copied)
+        with pytest.raises(InputError, match=r"copy\.wav is a copy of .*one\.wav.*give each take once"):
+            import_recording([one, moved, other], ImportOptions(files="takes", **GIVEN))
     assert import_recording([one, moved], ImportOptions(files="takes", max_rows=40, **GIVEN))[0].take_count == 2
 
 

@@ -21,7 +21,7 @@ from fdcal.solvers import joint as joint
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
 from fdcal.solvers.robust.state import STAGES
 
-TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (28, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
 SETTINGS = SolverSettings(name="joint", modes=40)
 

@@ -80,17 +80,11 @@ def disturbed(measured: Measurement) -> Measurement:
     return replace(measured, pressures=pressures)
 
 
-def displaced(measured: Measurement) -> Measurement:
-    """The given position of a known microphone is wrong."""
-    return replace(measured, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
-
-
 @pytest.mark.parametrize(
     ("change", "size", "code", "words"),
     [
         (replace, "6.06x5.05", "room_size", "correct --room"),
         (disturbed, "6x5", "odd_channel", "--exclude 3"),
-        (displaced, "6x5", "known_position", "2 ("),
     ],
 )
 def test_an_untrustworthy_result_is_reported_with_its_cause(calibrate, change, size, code, words):

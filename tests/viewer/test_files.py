@@ -19,6 +19,7 @@ from replays import contents
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.picture import compose
+from fdcal.model import libraries
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
@@ -125,7 +126,8 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         assert said in caption(first(CostMapWorker(run, threads), page.map_request, False), run.measurement)
 
 
-def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter):
+def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
+    monkeypatch.setattr(exports, "call", libraries.call)  # that of the tests, which starts no process
     state, measurement = snapshot.view.state, snapshot.run.measurement
     picture = compose(snapshot.run.scene, measurement, state.positions, MICROPHONE)
     shown = dataclasses.replace(snapshot, drawn=drawn, picture=picture)
