@@ -2,7 +2,6 @@
 
 import functools
 import re
-import subprocess
 import sys
 import tomllib
 from importlib import metadata
@@ -92,21 +91,6 @@ def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
     missing = missing_library(ModuleNotFoundError(f"No module named {module!r}", name=module))
     assert missing is not None and f"pip install 'fdcal[{extra}]'" in missing.remedy
     assert LIBRARY.get(library, library) in missing.problem
-
-
-def test_a_command_and_a_method_say_what_is_missing():
-    """In a process of its own: the libraries of this one are loaded."""
-    program = (
-        "import sys; sys.modules.update(dict.fromkeys(['matplotlib', 'viser'], None))\n"
-        "import fdcal\n"
-        "panels = fdcal.landscape(fdcal.load('tiny'), 3, modes=[1])\n"
-        "try: panels.plot()\n"
-        "except fdcal.InputError as error: print(error)\n"
-        "from fdcal.commands.cli import main; main(['view', '--port', '0', '--no-browser'])"
-    )
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert "fdcal[pictures]" in run.stdout
-    assert run.returncode == 2 and len(run.stderr.splitlines()) == 1 and "pip install" in run.stderr
 
 
 # -- a release ---------------------------------------------------------------------------------------------------------

@@ -255,7 +255,7 @@ def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
         Results(folder, study, True)
 
 
-@pytest.mark.parametrize("content", ["[]", "null", "{}", "", "{", '{"digest": 3}', "\x00", '{"axes": {}}'])
+@pytest.mark.parametrize("content", ["null", "{", '{"digest": 3}'])
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_damaged_head_is_one_line_that_names_the_file(file, tmp_path, capsys, content, whole):
     folder = tmp_path / "out"
@@ -557,19 +557,6 @@ def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
     assert np.std(share) > 3 * np.sqrt(0.8 * 0.2 / 700)
 
 
-def test_the_figure_of_a_page_is_where_the_page_looks_for_it(scenarios, tmp_path):
-    results = Results(tmp_path / "out", scenarios, False)
-    results.append([row_of(scenarios, number) for number in range(2)])
-    page = tmp_path / "study-page.md"
-    for _ in range(2):  # the second time over the first
-        write_page(page, *read_results(tmp_path / "out"), "found", command.PAGE_COMMANDS)
-    text = page.read_text()
-    (picture,) = re.findall(r"\{image\} (\S+)", text)
-    assert (page.parent / picture).stat().st_size > 5000
-    commands = f"fdcal study STUDY.toml -o found\nfdcal study --report found --page {page}\n"
-    assert commands in text and "`scenarios`" in text
-
-
 def test_the_page_of_a_study_says_what_its_rows_hold(scenarios, tmp_path):
     results = Results(tmp_path / "out", scenarios, False)
     rows = [row_of(scenarios, number) for number in range(2)]
@@ -579,14 +566,18 @@ def test_the_page_of_a_study_says_what_its_rows_hold(scenarios, tmp_path):
     page = tmp_path / "study-scenarios.md"
     case = 'text = "All others are right."\n[[cases]]\nscenario = "flat"\nseed = 6\nwhy = "another basin"\n'
     page.with_suffix(".cases.toml").write_text(case)
+    page.write_text("of an earlier study")
     write_page(page, *read_results(tmp_path / "out"), "out", command.PAGE_COMMANDS)
     text = page.read_text()
+    assert f"fdcal study STUDY.toml -o out\nfdcal study --report out --page {page}\n" in text and "`scenarios`" in text
+    (picture,) = re.findall(r"\{image\} (\S+)", text)
+    assert (page.parent / picture).stat().st_size > 5000
     assert "4 draws, 1 to 3 of each scenario, of 4 that are planned; seeds 5 to 6" in " ".join(text.split())
     assert "Good and wrong: 1 of 4 draws" in text and "| flat | 6 |" in text
     assert "| 7.0 | another basin |" in text and text.endswith("\n\nAll others are right.\n")
     assert "Refused: 1 of 4 draws" in text and "- flat, seed 5: no room for a source" in text
     assert "| flat | 3 | 1 |" in text and "| all | 4 | 1 |" in text
-    assert own_code().source in text and (tmp_path / "pictures" / "study-scenarios.png").stat().st_size > 5000
+    assert own_code().source in text
     assert len(page.with_suffix(".csv").read_text().splitlines()) == 5
     inside, n = json.loads(rows[0]["inside"])[2], rows[0]["judged"]
     assert f"| {100 * inside / n:.1f} ± " in text
@@ -596,8 +587,7 @@ def test_a_page_of_a_study_of_axes_is_refused_before_anything_is_written(tmp_pat
     """Its statistics hold for independent draws only."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.toml").write_text('scene = "tiny"\ndraws = 1\n[axes]\nsnr_db = [20, 40]\n')
-    study, results = load_study("mine.toml"), Results("found", load_study("mine.toml"), False)
-    results.append([run_task(study, number) for number in range(2)])
+    Results("found", load_study("mine.toml"), False).append(rows_by({}, range(2)))
     line = refusal(capsys, "--report", "found", "--page", "page.md")
     assert line.endswith("a page is of a study of scenarios; use --report without --page")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["found", "mine.toml"]

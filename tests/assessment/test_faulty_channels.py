@@ -227,9 +227,7 @@ def test_exchanged_given_positions_are_named_with_their_partner(healthy):
     assert faults_text([faulty[5]]) == "microphone 5: exchanged with microphone 11"
 
 
-@pytest.mark.parametrize(("seed", "known"), [(0, "all"), (18, "none")])
-def test_a_scene_without_noise_has_no_faulty_channel(seed, known):
+def test_a_scene_without_noise_has_no_faulty_channel():
     # what a field model of few microphones leaves unexplained, 45 dB below the signal, ends in one channel's noise
-    measurement = fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=seed))
-    found = fdcal.calibrate(measurement, solver="robust", known=known)
+    found = fdcal.calibrate(fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=18)), known="none")
     assert [one.name for one in found.channels.faults] == []

@@ -125,6 +125,8 @@ def test_every_format_holds_the_same_map(measurement, tmp_path):
     assert len(rows) == 2 * found.inside.sum()
     assert np.allclose(rows["real"] + 1j * rows["imag"], found.pressure[:, found.inside].ravel(), rtol=1e-6)
     assert np.allclose(rows["y_m"], np.tile(found.points[:, 1], 2), rtol=1e-6)
+    if measurement.dimension == 3:
+        return
     exports.FIELD_WRITERS[".png"](tmp_path / "map.png", found)
     pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB"))
     assert pixels.shape[1] > 1000 and 0.4 < np.mean(np.all(pixels == 255, axis=-1)) < 0.95, "white outside the array"
