@@ -6,7 +6,6 @@ map. Lengths are metres.
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Sequence
 
@@ -89,7 +88,9 @@ def cost_floor(
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
-    lowest, others = ((minimum,), ()) if minima is None else marks_of(minima)
+    lowest, others = ((minimum,), ())
+    if minima is not None:
+        lowest, others = (tuple((float(p[0]), float(p[1])) for p in one) for one in (minima.lowest, minima.others))
     low, high = colour_limits(cost, log)
     rgb = to_rgb(normalise(cost, low, high, log))
     if log and low > 0:
@@ -111,12 +112,6 @@ def lattice_floor(
     (ny, nx), step = shape, search.step
     origin = (search.origin[0] - step / 2, search.origin[1] - step / 2)
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
-
-
-def marks_of(minima: Minima) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
-    """Return where the lowest costs and the other minima are marked on a floor, (x, y) in metres."""
-    lowest, others = (tuple((float(p[0]), float(p[1])) for p in places) for places in (minima.lowest, minima.others))
-    return lowest, others
 
 
 SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between which colours differ; and heights
@@ -143,13 +138,7 @@ def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarra
 
 def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Return the colours (..., 3) uint8 of fractions of the scale, 0 to 1, in a map of matplotlib.colormaps."""
-    return _colour_table(name)[np.rint(255 * fractions).astype(np.uint8)]
-
-
-@functools.cache
-def _colour_table(name: str) -> np.ndarray:
-    """Return the colours (256, 3) uint8 of a map of matplotlib.colormaps."""
-    return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
+    return matplotlib.colormaps[name](np.rint(255 * fractions).astype(np.uint8), bytes=True)[..., :3]
 
 
 # Why a place is ambiguous: a microphone measures one number of a standing wave. All places with this number lie on a

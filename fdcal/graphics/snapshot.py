@@ -64,11 +64,8 @@ def render(
     """Write the picture to a PNG file; `force`: whether to overwrite an existing one."""
     from ..model.storage import write_atomically
 
-    path = Path(path)
-    if path.exists() and not force:
-        raise InputError(f"{path} exists", "use <force> to overwrite it, or another name", key="path", value=path)
     png = render_png(picture, size, view)
-    write_atomically(path, lambda temporary: Path(temporary).write_bytes(png), force=force)
+    write_atomically(path, lambda temporary: temporary.write_bytes(png), force=force)
 
 
 def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:

@@ -12,8 +12,8 @@ import json
 import logging
 import os
 import secrets
-import shutil
 import stat
+import tempfile
 import time
 import tomllib
 import zipfile
@@ -123,7 +123,7 @@ def load_cached(name: str, read: Callable[..., Any]):
 
 @contextlib.contextmanager
 def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
-    """Yield a new folder beside `path`, whose files are moved to `path` at the end, or deleted if anything fails.
+    """Yield a temporary folder, whose files are moved to `path` at the end, or deleted if anything fails.
 
     The folder is made at once, so that a missing permission is known before the work begins. `force`: whether `path`
     may contain files; those with the same names are replaced, and the others stay.
@@ -136,21 +136,14 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     if path.is_dir() and not force and any(path.iterdir()):
         remedy = "add <force> to replace files with the same names, or choose another folder"
         raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
-    temporary = Path(os.path.realpath(path)).parent / f"{TEMPORARY}{secrets.token_hex(8)}"
     try:
-        if path.is_dir():  # raises OSError where no file can be written into it
-            probe = path / f"{TEMPORARY}{secrets.token_hex(8)}"
-            probe.touch()
-            probe.unlink()
-        temporary.mkdir()
-        yield temporary
-        path.mkdir(exist_ok=True)
-        for file in sorted(temporary.iterdir()):
-            os.replace(file, path / file.name)
+        with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=path if path.is_dir() else path.parent) as temporary:
+            yield Path(temporary)
+            path.mkdir(exist_ok=True)
+            for file in sorted(Path(temporary).iterdir()):
+                os.replace(file, path / file.name)
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 MAX_DOTS = 500  # of a key; the time of the parser grows with the square of the number of its parts

@@ -23,8 +23,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import resample_poly
 
-from .recording import Recording, read_samples
-
 
 @dataclass(frozen=True)
 class ArrivalRules:
@@ -49,16 +47,12 @@ class ArrivalRules:
 DIRECT_SOUND = ArrivalRules()
 
 
-def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
+def first_arrivals(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] | None:
     """Return the arrivals (N,) of the direct sound of impulse responses, and their sigma, seconds; None if it is weak.
 
-    Times are relative to the earliest arrival; NaN where a channel has none.
+    `responses` (N, T) at a sampling `rate`, Hz. Times are relative to the earliest arrival; NaN where a channel has
+    none.
     """
-    return arrivals_of(read_samples(recording, 0, recording.samples), recording.sample_rate)
-
-
-def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] | None:
-    """Return `first_arrivals` of responses (N, T) at a sampling rate, Hz."""
     N, T = responses.shape
     peak = np.abs(responses).max(axis=1)
     first = np.array([np.argmax(np.abs(h) > DIRECT_SOUND.first * top) for h, top in zip(responses, peak, strict=True)])
@@ -67,7 +61,11 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
     high = min(T, int(np.median(first)) + int(rate * DIRECT_SOUND.span) + margin)
     fine = resample_poly(responses[:, low:high], DIRECT_SOUND.fine, 1, axis=1)
     step = 1 / (DIRECT_SOUND.fine * rate)
-    at = np.array([_first_peak(h, top) for h, top in zip(fine, peak, strict=True)])
+    at = np.full(N, np.nan)  # points of `fine`
+    for n, a in enumerate(np.abs(fine)):
+        inner = a[1:-1]
+        tops = np.flatnonzero((inner >= a[:-2]) & (inner > a[2:]) & (inner > DIRECT_SOUND.first * peak[n]))
+        at[n] = tops[0] + 1 if len(tops) else np.nan
     ends = DIRECT_SOUND.before, DIRECT_SOUND.after
     before, after = (int(max(n / rate, DIRECT_SOUND.min_window) / step) for n in ends)
     t = np.arange(-before, after + 1)
@@ -86,7 +84,11 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
         template = np.linalg.svd(unit[found], full_matrices=False)[2][0]
         for n in np.flatnonzero(found):
             at[n], correlation[n] = _best_lag(fine[n], at[n], template * window, window, before, after, pad)
-    found &= (correlation > DIRECT_SOUND.min_correlation) & _quiet_before(fine, at, before, template)
+    for n, a in enumerate(np.abs(fine)):  # the peak must stand out from everything before its window
+        first = max(int(at[n]) - before, 0)
+        highest = a[first : int(at[n]) + before].max()
+        found[n] &= highest > DIRECT_SOUND.quiet * a[:first].max(initial=0.0)
+    found &= correlation > DIRECT_SOUND.min_correlation
     found &= np.abs(at - np.median(at[found]) if np.any(found) else at) * step < DIRECT_SOUND.span
     if np.sum(found) < max(3, N // 2):
         return None
@@ -95,14 +97,6 @@ def arrivals_of(responses: np.ndarray, rate: float) -> tuple[np.ndarray, float] 
     sigma = DIRECT_SOUND.shifted * np.sqrt(max(1 - rho**2, 0.0)) / rho / bandwidth
     times = np.where(found, at * step, np.nan)
     return times - np.nanmin(times), float(max(sigma, DIRECT_SOUND.min_sigma / DIRECT_SOUND.speed))
-
-
-def _first_peak(h: np.ndarray, top: float) -> float:
-    """Return the first peak of abs(h) above a fraction of `top`, in points; NaN without one."""
-    a = np.abs(h)
-    inner = a[1:-1]
-    peaks = np.flatnonzero((inner >= a[:-2]) & (inner > a[2:]) & (inner > DIRECT_SOUND.first * top))
-    return float(peaks[0] + 1) if len(peaks) else np.nan
 
 
 def _cut(h: np.ndarray, at: float, before: int, after: int) -> np.ndarray:
@@ -126,13 +120,3 @@ def _best_lag(h, at: float, template, window, before: int, after: int, pad: int)
     curvature = left - 2 * middle + right
     shift = 0.5 * (left - right) / curvature if curvature < 0 else 0.0
     return float(at + lags[best] + np.clip(shift, -1, 1)), float(values[best])
-
-
-def _quiet_before(fine: np.ndarray, at: np.ndarray, before: int, template: np.ndarray) -> np.ndarray:
-    """Return whether each peak exceeds everything before its window by the factor `quiet` : (N,) bool."""
-    clear = np.zeros(len(fine), bool)
-    for n, (h, t) in enumerate(zip(fine, at, strict=True)):
-        a, near = np.abs(h), int(t)
-        preceding = a[: max(near - before, 0)]
-        clear[n] = a[max(near - before, 0) : near + before].max() > DIRECT_SOUND.quiet * preceding.max(initial=0.0)
-    return clear

@@ -21,7 +21,7 @@ from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
 from ..model.validation import InputError
-from .recording import IMPORT_LIMITS, ImportOptions, Recording, channel_groups, refused_option
+from .recording import IMPORT_LIMITS, ImportOptions, Recording, channel_groups, number_in
 
 MIN_SNR = 10.0  # decibels, of a frequency that is used
 DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency
@@ -196,6 +196,15 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
     return (options.array_dimension or options.dimension) if positions is None else positions.shape[1]
 
 
+def given_band(recording: Recording, key: str, text: str) -> tuple[float, float]:
+    """Return the band that the option `key` gives as LO:HI, Hz; InputError for one that the recording cannot hold."""
+    low, high = map(number_in, text.partition(":")[::2])
+    if not 0 < low < high <= (top := IMPORT_LIMITS.max_frequency * recording.sample_rate):
+        problem = f'{key} = "{text}" is not a band that {recording.path} can hold'
+        raise InputError(problem, f"write auto or LO:HI, as 100:300, up to {top:g} Hz", key=key, value=text)
+    return low, high
+
+
 def frequency_band(
     recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
 ) -> tuple[float, float]:
@@ -213,11 +222,7 @@ def frequency_band(
             high = found.limit if options.array_radius is not None else min(found.limit, wide)
         low, high = max(low, recording.lowest, IMPORT_LIMITS.min_periods / recording.duration), min(high, top)
     else:
-        try:
-            low, high = (float(part) for part in options.frequencies.split(":"))
-        except ValueError:
-            problem = f'frequencies = "{options.frequencies}" is not a band'
-            raise refused_option(options, "frequencies", problem, "write auto or LO:HI, as 20:300") from None
+        low, high = given_band(recording, "frequencies", options.frequencies)
     if found.limit is not None and found.limit <= low and not found.estimated:
         problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
         problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
@@ -226,8 +231,7 @@ def frequency_band(
     if options.frequencies == "auto" and found.estimated and high <= low:
         problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz only; a band begins at {low:.3g} Hz"
         remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
-        raise refused_option(options, "frequencies", problem, remedy)
-    if not 0 < low < high <= top:
-        problem = f"frequencies = {low:g}:{high:g} is not a band that {recording.path} can hold"
-        raise refused_option(options, "frequencies", problem, f"use 0 < LO < HI <= {top:g} Hz")
+        raise InputError(problem, remedy, key="frequencies", value=options.frequencies)
+    if not low < high:
+        given_band(recording, "frequencies", f"{low:g}:{high:g}")  # refuses it
     return low, high

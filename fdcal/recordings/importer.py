@@ -39,7 +39,7 @@ from .recording import (
     Recording,
     join_channels,
     number_in,
-    refused_option,
+    read_samples,
     sound_speed_of,
     split,
 )
@@ -149,7 +149,7 @@ def measurement_of_takes(
         if one.positions is not None and one.positions.shape[1] > options.dimension:
             if np.ptp(one.positions[:, 2]) > select.PLANE_TOLERANCE:
                 problem = "dimension = 2 needs microphones of one height"
-                raise refused_option(options, "dimension", problem, "choose them with <subset> I,J,...")
+                raise InputError(problem, "choose them with <subset> I,J,...", key="dimension", value=options.dimension)
             takes[n] = replace(one, positions=one.positions[:, :2])
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
@@ -209,7 +209,7 @@ def _measurement_of_take(
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
-        raise refused_option(options, "known", problem, f"give {axes} coordinates")
+        raise InputError(problem, f"give {axes} coordinates", key="known", value=options.known)
     f = pressures.frequencies
     given: dict[str, Any] = {"known": known, "known_positions": known_positions}
     if np.any(np.diff(f) == 0):
@@ -231,7 +231,7 @@ def _measurement_of_take(
         if options.reference is not None:  # deconvolved in the whole band, since a wide band makes the onset sharp
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference, rate=options.rate), whole)
-        found_arrivals = first_arrivals(responses)
+        found_arrivals = first_arrivals(read_samples(responses, 0, responses.samples), responses.sample_rate)
         if found_arrivals is not None:
             times, sigma = found_arrivals
             measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
@@ -272,7 +272,7 @@ def _in_plane(
     """Return the recording and the known positions without their heights, and the height, if all heights are equal."""
     given, wanted = [one for one in (recording.positions, known_positions) if one is not None], options.array_dimension
     if wanted == 3 and given and given[0].shape[1] == 2:
-        raise refused_option(options, "array_dimension", "array_dimension = 3 needs heights", "give z, or leave it out")
+        raise InputError("array_dimension = 3 needs heights", "give z, or leave it out", key="array_dimension", value=3)
     if wanted == 3 or not given or any(one.shape[1] == 2 for one in given):
         return recording, known_positions, None
     heights = np.concatenate([one[:, 2:] for one in given])
@@ -281,7 +281,7 @@ def _in_plane(
         return recording, known_positions, None
     if not level:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
-        raise refused_option(options, "array_dimension", problem, "choose them with <subset> I,J,...")
+        raise InputError(problem, "choose them with <subset> I,J,...", key="array_dimension", value=wanted)
     if recording.positions is not None:
         recording = replace(recording, positions=recording.positions[:, :2])
     return recording, None if known_positions is None else known_positions[:, :2], float(heights.mean())

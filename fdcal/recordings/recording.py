@@ -325,24 +325,19 @@ class ImportOptions:
         object.__setattr__(self, "known", None if self.known == "none" else self.known)
         check(self)
         if isinstance(self.source, str) and self.source != "all":
-            raise refused_option(
-                self, "source", f'source = "{self.source}" is not a source', "use a number from 0, or all"
-            )
+            problem = f'source = "{self.source}" is not a source'
+            raise InputError(problem, "use a number from 0, or all", key="source", value=self.source)
         if self.split is not None and (self.kind == "impulse" or self.reference):
             what = "kind impulse" if self.kind == "impulse" else "a reference"
             problem = f"split = {self.split:.3g} s is for a stationary recording, and {what} is given"
-            raise refused_option(self, "split", problem, "leave out <split>, or record each take separately")
+            remedy = "leave out <split>, or record each take separately"
+            raise InputError(problem, remedy, key="split", value=self.split)
         if self.array_dimension == 3 and self.dimension == 2:
             problem = "array_dimension = 3 is not possible in a field of 2"
-            raise refused_option(self, "array_dimension", problem, "use 2")
+            raise InputError(problem, "use 2", key="array_dimension", value=self.array_dimension)
         if self.temperature is not None and self.sound_speed is not None:
             remedy = "give one of <temperature> and <sound_speed>"
             raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")
-
-
-def refused_option(options: ImportOptions, key: str, problem: str, remedy: str = "") -> InputError:
-    """Return the error of the option `key`."""
-    return InputError(problem, remedy, key=key, value=getattr(options, key))
 
 
 def number_in(text: str) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.problem import ShortWindows
-from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples, refused_option
+from .frequencies import given_band
+from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds
 MAX_COUNT = 32  # microphones: the time of a fit grows with their cube
@@ -39,7 +40,9 @@ def short_windows(
     """
     if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT:
         return None
-    band = _band(recording, options)
+    band = LOWEST, min(HIGHEST, IMPORT_LIMITS.max_frequency * recording.sample_rate)
+    if options.windows != "auto":
+        band = given_band(recording, "windows", options.windows)
     if options.windows == "auto" and band[1] < OCTAVE * band[0]:
         return None
     fs, n = recording.sample_rate, int(WINDOW * recording.sample_rate)
@@ -71,22 +74,6 @@ def found_flat(measurement: Measurement) -> bool:
     from ..solvers.robust.windows import is_flat  # loads the solver, which other imports do not need
 
     return is_flat(windows, measurement.sound_speed)
-
-
-def _band(recording: Recording, options: ImportOptions) -> tuple[float, float]:
-    """Return the lowest and the highest frequency of short windows, Hz."""
-    top = IMPORT_LIMITS.max_frequency * recording.sample_rate
-    if options.windows == "auto":
-        return LOWEST, min(HIGHEST, top)
-    try:
-        low, high = (float(part) for part in options.windows.split(":"))
-    except ValueError:
-        problem = f'windows = "{options.windows}" is not a band'
-        raise refused_option(options, "windows", problem, "write auto, none or LO:HI, as 100:4000") from None
-    if not 0 < low < high <= top:
-        problem = f"windows = {low:g}:{high:g} is not a band that {recording.path} can hold"
-        raise refused_option(options, "windows", problem, f"use 0 < LO < HI <= {top:g} Hz")
-    return low, high
 
 
 def _decay(recording: Recording, n: int) -> tuple[int, int]:

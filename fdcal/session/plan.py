@@ -75,7 +75,14 @@ def read_layout(text: str, seed: int = 0) -> Layout:
     words = text.split()
     if Path(text).suffix.lower() in READERS:
         placed = read_positions(text)
-        return _in_its_plane(Path(text).name, placed.names, np.asarray(placed.positions, float))
+        name, x = Path(text).name, np.asarray(placed.positions, float)
+        if np.ptp(x[:, 2]) < FLAT_M:
+            x = x[:, :2]
+        elif len(x) > 3:  # a plane array that is not level gets coordinates in its plane
+            along = (x - x.mean(axis=0)) @ np.linalg.svd(x - x.mean(axis=0))[2].T
+            if np.abs(along[:, 2]).max() < FLAT_M:
+                name, x = f"{name}, coordinates in its plane", along[:, :2]
+        return Layout(name, placed.names, frozen_array(x, float))
     if len(words) > 1 or text in FORMS:
         positions = _of_words(words, text, seed)
         return Layout(text, tuple(map(str, range(len(positions)))), frozen_array(positions, float))
@@ -94,17 +101,6 @@ def read_layout(text: str, seed: int = 0) -> Layout:
     files = f"a file of positions ({', '.join(sorted(READERS))})"
     remedy = f"give {files}, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
     raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
-
-
-def _in_its_plane(name: str, names: tuple[str, ...], x: np.ndarray) -> Layout:
-    """Return the array at positions (N, 3), metres; a plane array by two coordinates, x and y if it is level."""
-    if np.ptp(x[:, 2]) < FLAT_M:
-        return Layout(name, names, frozen_array(x[:, :2], float))
-    centre = x.mean(axis=0)
-    _, _, axes = np.linalg.svd(x - centre)
-    if len(x) <= 3 or np.abs((x - centre) @ axes[2]).max() >= FLAT_M:
-        return Layout(name, names, frozen_array(x, float))
-    return Layout(f"{name}, coordinates in its plane", names, frozen_array((x - centre) @ axes[:2].T, float))
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:

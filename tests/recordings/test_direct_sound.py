@@ -9,7 +9,7 @@ import soundfile
 import fdcal
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
 from fdcal.model.validation import InputError
-from fdcal.recordings.arrivals import arrivals_of
+from fdcal.recordings.arrivals import first_arrivals
 
 RATE, SPEED = 8000.0, 343.0
 SOURCE = np.array([2.4, 1.1, 0.3])  # m
@@ -43,7 +43,7 @@ def errors(times, source=SOURCE):
 
 
 def test_arrivals_are_right_to_a_fiftieth_of_a_sample():
-    found = arrivals_of(responses(), RATE)
+    found = first_arrivals(responses(), RATE)
     assert found is not None
     times, sigma = found
     assert np.isfinite(times).all() and np.nanmin(times) == 0
@@ -54,15 +54,15 @@ def test_arrivals_are_right_to_a_fiftieth_of_a_sample():
 def test_an_inverted_and_weak_channel_arrives_when_it_does_and_one_without_direct_sound_does_not():
     h = responses()
     h[3] *= -0.1
-    times, _ = arrivals_of(h, RATE)
+    times, _ = first_arrivals(h, RATE)
     assert np.abs(errors(times)).max() < 2e-3
     h = responses()
     h[5] = 0.3 * np.random.default_rng(2).standard_normal(h.shape[1]) * np.abs(h).max()
-    times, _ = arrivals_of(h, RATE)
+    times, _ = first_arrivals(h, RATE)
     assert np.isnan(times[5]) and np.sum(np.isfinite(times)) >= 14
     noise = np.random.default_rng(3).standard_normal((16, 4000))
     for diffuse in (noise, noise * np.exp(-np.arange(4000) / 800)):
-        assert arrivals_of(diffuse, RATE) is None
+        assert first_arrivals(diffuse, RATE) is None
 
 
 @pytest.fixture(scope="module")
