@@ -140,9 +140,9 @@ def commands(context):
 
 @commands.command()
 @click.argument("scene", required=False, metavar="[SCENE|FILE|SESSION]")
-@click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, started at once.")
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
-@click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
+@opt.option("--lesson FILE.toml", "own", "A lesson of your own, started at once.", multiple=True)
+@opt.option("--host", "Address to serve the page at.", default="127.0.0.1")
+@opt.option("--port", "Port; 0 takes a free one.", type=int, default=8080)
 @click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
 def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it.
@@ -199,39 +199,16 @@ def simulate(scene: str, output: str, force: bool):
 @click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
 @opt.solver_option
 @opt.solver_options
-@click.option(
-    "--gain-sigma",
-    type=opt.gain_sigma,
-    metavar="DB,DEG",
-    help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
-)
+@opt.option("--gain-sigma DB,DEG", "Spread of the channels, as 1dB,5deg.  [default: estimated]", type=opt.gain_sigma)
 @opt.modes_option
 @opt.seed_option
-@click.option(
-    "--exclude",
-    type=opt.microphone_names,
-    default=(),
-    metavar="NAME,...",
-    help="Microphones to leave out, by name or number.",
-)
+@opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
 @click.option("--estimate-sound-speed", is_flag=True, help="Also estimate it: from known microphones, or --distance.")
-@click.option(
-    "--distance", type=opt.distance, metavar="I,J,METRES", help="Distance of two microphones, where none is known."
-)
-@click.option(
-    "--room", type=opt.room_size, metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
-)
-@click.option(
-    "--time-limit",
-    type=opt.Number(),
-    metavar="SECONDS",
-    help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
-    "  [default: 45, more for large arrays]",
-)
+@opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known.", type=opt.distance)
+@opt.option("--room LxW[xH]", "Size of a rectangular room, metres; implies solver room.", type=opt.room_size)
+@opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=opt.Number())
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
-@click.option(
-    "--positions", metavar="FILE", help="Positions to compare with instead: a table name,x,y[,z], or a geometry."
-)
+@opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)
 @opt.recording_options(*opt.RECORDED)
 @opt.search_option
@@ -290,45 +267,17 @@ def calibrate(
 
 @commands.command()
 @click.argument("layout", metavar="LAYOUT")
-@click.option(
-    "--room", type=opt.RoomOrScene(), metavar="LxWxH|SCENE", help="Rectangular room.  [default: diffuse field]"
-)
-@click.option("--rt60", type=opt.Number(), default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
-@click.option("--snr", type=opt.Number(), default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
-@click.option(
-    "--frequencies",
-    type=opt.band,
-    metavar="LO:HI",
-    help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]",
-)
-@click.option(
-    "--known",
-    type=opt.microphone_names,
-    default=(),
-    metavar="NAME,...",
-    help="Microphones whose positions are given.",
-)
-@click.option("--known-sigma", type=opt.length, metavar="LENGTH", help="One sigma of each given coordinate, as 5mm.")
-@click.option("--gain-sigma", type=opt.decibels, metavar="DB", help="Spread of the channels' gains, as 1dB.")
-@click.option(
-    "--accuracy", type=opt.length, default="10mm", show_default=True, metavar="LENGTH", help="That is wanted."
-)
-@click.option(
-    "--takes",
-    type=click.IntRange(1, 100),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Places of the source, recorded equally long from each.",
-)
-@click.option(
-    "--kind",
-    type=click.Choice(["stationary", "impulse"]),
-    default="stationary",
-    show_default=True,
-    help="Noise or music, or impulses and sweeps, whose arrival times count.",
-)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of places drawn.")
+@opt.option("--room LxWxH|SCENE", "Rectangular room.  [default: diffuse field]", type=opt.RoomOrScene())
+@opt.option("--rt60 S", "Reverberation time, s.", type=opt.Number(), default=0.5)
+@opt.option("--snr DB", "Signal-to-noise ratio of each frequency.", type=opt.Number(), default=30.0)
+@opt.option("--frequencies LO:HI", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]", type=opt.band)
+@opt.option("--known NAME,...", "Microphones whose positions are given.", type=opt.microphone_names, default=())
+@opt.option("--known-sigma LENGTH", "One sigma of each given coordinate, as 5mm.", type=opt.length)
+@opt.option("--gain-sigma DB", "Spread of the channels' gains, as 1dB.", type=opt.decibels)
+@opt.option("--accuracy LENGTH", "The RMS error that is wanted.", type=opt.length, default="10mm")
+@opt.option("--takes N", "Places of the source, equally long each.", type=click.IntRange(1, 100), default=1)
+@opt.option("--kind", "impulse: arrival times count, too.", type=["stationary", "impulse"], default="stationary")
+@opt.option("--seed S", "Random seed of the places of the source.", type=click.IntRange(0), default=0)
 def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, seed):
     """Tell beforehand how exact an array will be calibrated.
 

@@ -46,17 +46,8 @@ def import_(sources, output, force, **recorded):
 @click.command()
 @click.argument("result", metavar="RESULT.json")
 @opt.output_option("FILE.csv|json|xml|sofa|npy")
-@click.option(
-    "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: those of the result]"
-)
-@click.option(
-    "--table",
-    type=click.Choice(["positions", "gains"]),
-    default="positions",
-    show_default=True,
-    help="gains: a .csv table of gain, phase, noise and fault of every channel, of solver robust, or Acoular's .xml of"
-    " factors.",
-)
+@opt.option("--frame", "Coordinate axes.  [default: those of the result]", type=["known", "minimal", "axes"])
+@opt.option("--table", "gains: as .csv, or Acoular's .xml.", type=["positions", "gains"], default="positions")
 @opt.force_option
 def export(result, output, frame, table, force):
     """Write positions or gains of a result for other programs.
@@ -101,7 +92,7 @@ def correct(recording, result, output, force):
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
-@click.option("--positions", metavar="FILE", help="List to compare with: a table name,x,y[,z], or a geometry.")
+@opt.option("--positions FILE", "List to compare with: a table name,x,y[,z], or a geometry.")
 @opt.recording_options(*opt.RECORDED)
 def doctor(sources, positions, **recorded):
     """Tell whether a recording, or a published data set, is what it says.
@@ -129,20 +120,16 @@ INTERRUPTED = 130  # exit code
 @click.command()
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @opt.output_option("TAKE.wav|w64")
-@click.option("--channels", "inputs", type=click.IntRange(1), metavar="N", help="The first N inputs.  [default: all]")
-@click.option(
-    "--seconds", type=opt.NumberInRange(1, 86_400), default=30.0, show_default=True, help="Length of each take."
-)
-@click.option("--rate", type=opt.NumberInRange(min=1000), metavar="HZ", help="Sampling rate.  [default: the card's]")
-@click.option("--device", metavar="NAME|NUMBER", help="Sound card: python -m sounddevice lists them.")
-@click.option(
-    "--replay", multiple=True, metavar="FILE", help="Replay a recording in place of a sound card: a take each."
-)
-@click.option("--positions", metavar="FILE", help="List of the positions: names swapped channels.")
-@click.option("--known", metavar="NAMES|FILE", help="Known microphones, as of import.")
-@click.option("--temperature", type=opt.Number(), metavar="C", help="Of the air, degrees Celsius.")
-@click.option("--array-dimension", type=click.IntRange(2, 3), help="2: the microphones lie in a plane.")
-@click.option("--result", metavar="RESULT.json", help="File that the result is written to after each take.")
+@opt.option("--channels N", "inputs", "The first N inputs.  [default: all]", type=click.IntRange(1))
+@opt.option("--seconds", "Length of each take.", type=opt.NumberInRange(1, 86400), default=30.0)
+@opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=opt.NumberInRange(min=1000))
+@opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
+@opt.option("--replay FILE", "Replay a recording in place of a sound card: a take each.", multiple=True)
+@opt.option("--positions FILE", "List of the positions: names swapped channels.")
+@opt.option("--known NAMES|FILE", "Known microphones, as of import.")
+@opt.option("--temperature C", "Of the air, degrees Celsius.", type=opt.Number())
+@opt.option("--array-dimension", "2: the microphones lie in a plane.", type=click.IntRange(2, 3))
+@opt.option("--result RESULT.json", "File that the result is written to after each take.")
 @opt.force_option
 def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,
            result, force: bool):  # fmt: skip

@@ -121,8 +121,7 @@ microphone_names = ValueOf(_names, "is not a list of microphones; write them wit
 distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
 room_size = ValueOf(_room_size, "is not the size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
 picture_size = ValueOf(
-    _picture_size,
-    f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
+    _picture_size, f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each"
 )
 noise_level = ValueOf(
     _noise_level,
@@ -306,49 +305,31 @@ def progress_bar(title: str) -> Iterator[ProgressReport]:
             bar.close()
 
 
+def option(name: str, *texts: str, type: Any = None, **more: Any):
+    """Return an option of a command: its name and placeholder, as "--snr DB", perhaps that of its argument, its help.
+
+    A list as `type` is a choice.
+    """
+    (name, _, metavar), (*argument, text) = name.partition(" "), texts
+    kind = click.Choice(type) if isinstance(type, (list, tuple)) else type
+    shown = more.get("default") not in (None, ())
+    return click.option(name, *argument, type=kind, metavar=metavar or None, help=text, show_default=shown, **more)
+
+
 def output_option(what: str, required: bool = True):
     """Return the option -o of a command that writes `what`."""
-    return click.option(
-        "-o",
-        "--output",
-        required=required,
-        metavar=what,
-        help="Folder to write." if what == "FOLDER" else "File to write.",
-    )
+    text = "Folder to write." if what == "FOLDER" else "File to write."
+    return click.option("-o", "--output", required=required, metavar=what, help=text)
 
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
-wave_option = click.option(
-    "--wave",
-    metavar="NUMBERS",
-    help="Instead of the cost draw a standing wave, as of mode 38, and where the microphone would measure the same;"
-    " of up to three modes, as 22,38, also where their lines cross.",
-)
-result_option = click.option("--result", metavar="RESULT.json", help="Positions found by `fdcal calibrate -o`.")
-modes_option = click.option(
-    "--modes",
-    type=int,
-    metavar="M",
-    help="Number of modes in use at the end, lowest first.  [default: all that the array can interpolate]",
-)
-seed_option = click.option(
-    "--seed", type=int, metavar="S", help="Random seed of the solver's start.  [default: the scene's]"
-)
-solver_option = click.option(
-    "--solver",
-    type=click.Choice(names()),
-    help="robust, joint, descent (the paper's) or room.  [default: the scene's]",
-)
-search_option = click.option(
-    "--search",
-    type=numbers,
-    metavar="ORIGIN,SIZE,STEP",
-    help="Search domain, five numbers in metres: x,y of its lowest corner, width,height, step."
-    " For example 2.01,1.71,1.2,1.2,0.01",
-)
-radius_option = click.option(
-    "--radius", type=Number(), metavar="R", help="Radius R of the order rule ceil(k R), metres."
-)
+wave_option = option("--wave NUMBERS", "Draw standing waves instead: of up to three modes, as 22,38.")
+result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
+modes_option = option("--modes M", "Modes in use at the end, lowest first.  [default: all that are usable]", type=int)
+seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
+solver_option = option("--solver", "descent is the paper's.  [default: the scene's]", type=names())
+search_option = option("--search ORIGIN,SIZE,STEP", "Search domain, metres: x,y,width,height,step.", type=numbers)
+radius_option = option("--radius R", "Radius R of the order rule ceil(k R), metres.", type=Number())
 
 
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given
@@ -390,14 +371,13 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
                 callback=lambda _, __, value, number=number: number(value) if number and value else value,
                 help=field.metadata["help"] + default,
             )(command)
-        for option in reversed((
+        for one in reversed((
             click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
             click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
-            click.option("--split", type=duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
-            click.option("--source", type=source_number, metavar="I|all",
-                         help="Which of several sources, from 0; all: each is a take."),
+            option("--split TIME", "Cut a long recording into takes, as 10s.", type=duration),
+            option("--source I|all", "Which of several sources, from 0; all: each is a take.", type=source_number),
         )):  # fmt: skip
-            command = option(command)
+            command = one(command)
         return command
 
     return add

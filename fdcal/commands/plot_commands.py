@@ -10,7 +10,7 @@ import click
 
 from ..model.validation import InputError
 from . import options as opt
-from .options import microphone_number, mode_numbers
+from .options import microphone_number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,20 +24,14 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", metavar="SCENE|FILE.npz")
-@click.option("--microphone", type=int, required=True, metavar="N", help="The microphone to move, counted from 0.")
-@click.option(
-    "--mode-numbers",
-    "numbers",
-    type=opt.whole_numbers,
-    metavar="M,M,...",
-    help="Modes to draw, counted from 1.  [default: 1,5,9]",
-)
+@opt.option("--microphone N", "The microphone to move, counted from 0.", type=int, required=True)
+@opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1.  [default: 1,5,9]", type=opt.whole_numbers)
 @opt.result_option
 @opt.output_option("FIG.png|svg|vti")
 @opt.search_option
 @opt.radius_option
 @opt.force_option
-def landscape(source, microphone, numbers, result, output, search, radius, force):
+def landscape(source, microphone, mode_numbers, result, output, search, radius, force):
     """Draw the cost of moving one microphone, mode by mode.
 
     The modes are summed, too, as in Fig. 1 of the paper.
@@ -54,7 +48,7 @@ def landscape(source, microphone, numbers, result, output, search, radius, force
     inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
     n = microphone_number(microphone, measurement.count)
-    modes = mode_numbers(numbers, len(measurement.frequencies))
+    modes = opt.mode_numbers(mode_numbers, len(measurement.frequencies))
     positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         write_volume(path, inputs, positions, n, force)
@@ -88,15 +82,8 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
 @click.command()
 @click.argument("source", metavar="SCENE|FILE")
 @opt.result_option
-@click.option(
-    "--frequencies",
-    type=opt.numbers,
-    metavar="HZ,HZ,...",
-    help="Measured frequencies.  [default: lowest, middle and highest]",
-)
-@click.option(
-    "--step", type=opt.Number(), metavar="METRES", help="Lattice step.  [default: a 60th of the longest side]"
-)
+@opt.option("--frequencies HZ,HZ,...", "Measured frequencies.  [default: lowest, middle and highest]", type=opt.numbers)
+@opt.option("--step METRES", "Lattice step.  [default: a 60th of the longest side]", type=opt.Number())
 @opt.output_option("FILE.npz|csv|png")
 @opt.force_option
 def field(source, result, frequencies, step, output, force):
@@ -123,17 +110,10 @@ def field(source, result, frequencies, step, output, force):
 @click.command()
 @click.argument("scene")
 @opt.result_option
-@click.option(
-    "--microphone",
-    type=int,
-    metavar="N",
-    help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
-)
+@opt.option("--microphone N", "Draw its cost landscape: on the floor, or as isosurfaces in space.", type=int)
 @opt.wave_option
-@click.option(
-    "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
-)
-@click.option("--size", type=opt.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
+@opt.option("--view", "Camera position.", type=["top", "3d", "close"], default="top")
+@opt.option("--size WxH", "Pixels.", type=opt.picture_size, default="1280x800")
 @opt.output_option("FILE.png")
 @opt.force_option
 def snapshot(scene, result, microphone, wave, view, size, output, force):
@@ -168,7 +148,7 @@ def snapshot(scene, result, microphone, wave, view, size, output, force):
 @opt.solver_option
 @opt.modes_option
 @opt.seed_option
-@click.option("--microphone", type=int, metavar="N", help="Whose map is shown first, counted from 0.")
+@opt.option("--microphone N", "Whose map is shown first, counted from 0.", type=int)
 @opt.output_option("FILE.html")
 @opt.search_option
 @opt.radius_option

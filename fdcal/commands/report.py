@@ -11,17 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..assessment import words
 from ..assessment.calibration import FAULTS, Calibration
-from ..assessment.words import (
-    comparison_sentences,
-    counted,
-    error_line,
-    error_words,
-    faults_text,
-    given_table,
-    list_faults,
-    result_sentences,
-)  # fmt: skip
 from ..model.measurement import Measurement
 from ..model.validation import length_text
 from ..session.sources import CalibrationInput
@@ -40,7 +31,7 @@ HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
     """Return a summary of a calibration: seven lines, and more for the sound speed, the channels or a known room."""
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
-    said = result_sentences(result, measurement, inputs.given, inputs.compared_with)
+    said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said["list"] = inputs.remark
     speeds = []
     if inputs.estimate_sound_speed:
@@ -50,7 +41,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said["speed"] = "\nspeed   ".join(speeds)
     if inputs.scene is not None and inputs.scene.room.response is not None:
         said["field"] = "plane waves of a measured impulse response: modelled between the microphones"
-    if (given := given_table(result)) is not None:
+    if (given := words.given_table(result)) is not None:
         (head, table), widths = given, [max(map(len, column)) for column in zip(*given[1], strict=True)]
         rows = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)
         said["given"] = "\n        ".join([head, *(row.rstrip() for row in rows)])
@@ -85,7 +76,7 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
     """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
     names = inputs.labels or inputs.measurement.names
-    lines = comparison_sentences(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
+    lines = words.comparison_sentences(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
     if _size_is_open(inputs, result):
         lines.append(
             f"the size of the array found is not to be trusted ({result.verdict}): it is compared in that of the list"
@@ -112,7 +103,7 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
     given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
     compared = result.compared_with(measurement, given)
     errors = None if compared.errors is None else compared.errors[result.counted(given)]
-    return error_line(errors, result.aligned, measurement.nominal)
+    return words.error_line(errors, result.aligned, measurement.nominal)
 
 
 NEXT = "move the loudspeaker to the other side of the array"
@@ -140,18 +131,19 @@ def takes_report(
     """Return the result of some takes in lines, the positions included, and whether a list of them is wrong."""
     from ..assessment.position_check import fit_result
 
-    listed, said = inputs.measurement.positions, result_sentences(result, inputs.measurement, inputs.given)
+    listed, said = inputs.measurement.positions, words.result_sentences(result, inputs.measurement, inputs.given)
     sigmas = np.full(len(result.names), np.nan) if result.uncertainty is None else result.uncertainty
     sigma = float(np.sqrt(np.mean(sigmas[result.healthy] ** 2)))
     wrong, faults = list[str](), () if result.channels is None else result.channels.faults
     if check is not None and listed is not None and check.fits:
-        wrong = list_faults(check, fit_result(check, result, listed), inputs.labels or result.names)
-    lines = [f"result  {counted(takes, 'take')}, {len(result.names)} microphones, one sigma {length_text(sigma, 2)}"]
+        wrong = words.list_faults(check, fit_result(check, result, listed), inputs.labels or result.names)
+    count = words.counted(takes, "take")
+    lines = [f"result  {count}, {len(result.names)} microphones, one sigma {length_text(sigma, 2)}"]
     if result.mean_error is not None:
-        lines.append(f"list    {error_words(result)} from {inputs.compared_with}")
+        lines.append(f"list    {words.error_words(result)} from {inputs.compared_with}")
         if check is not None and not check.fits:
             lines.append("list    it fits the array found in no order")
-    named = "; ".join([*(faults_text([fault]) for fault in faults), *wrong])
+    named = "; ".join([*(words.faults_text([fault]) for fault in faults), *wrong])
     lines += [f"verdict {said['verdict']}", f"faults  {named or 'none found'}"]
     if wrong or any(FAULTS[fault.kind].mend for fault in faults):
         lines.append("next    correct the channels, and record this take again")

@@ -138,7 +138,7 @@ def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarra
 
 def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Return the colours (..., 3) uint8 of fractions of the scale, 0 to 1, in a map of matplotlib.colormaps."""
-    return matplotlib.colormaps[name](np.rint(255 * fractions).astype(np.uint8), bytes=True)[..., :3]
+    return np.asarray(matplotlib.colormaps[name](np.rint(255 * fractions).astype(np.uint8), bytes=True))[..., :3]
 
 
 # Why a place is ambiguous: a microphone measures one number of a standing wave. All places with this number lie on a

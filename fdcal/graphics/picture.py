@@ -193,11 +193,7 @@ def compose(
 
 
 def static_picture(
-    scene: Scene | None,
-    measurement: Measurement,
-    dark: bool = False,
-    floor: Floor | None = None,
-    lecture: bool = False,
+    scene: Scene | None, measurement: Measurement, dark: bool = False, floor: Floor | None = None, lecture: bool = False
 ) -> Picture:
     """Return the part of the picture that does not change while a solver runs.
 

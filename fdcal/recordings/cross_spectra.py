@@ -104,10 +104,7 @@ LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-squar
 
 
 def stationary_pressures(
-    recording: Recording,
-    band: tuple[float, float],
-    sound_speed: float,
-    max_rows: int = ROWS.max_rows,
+    recording: Recording, band: tuple[float, float], sound_speed: float, max_rows: int = ROWS.max_rows
 ) -> Pressures:
     """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows."""
     recording = in_memory(decimate(recording, band[1]))

@@ -198,8 +198,8 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
 
 def given_band(recording: Recording, key: str, text: str) -> tuple[float, float]:
     """Return the band that the option `key` gives as LO:HI, Hz; InputError for one that the recording cannot hold."""
-    low, high = map(number_in, text.partition(":")[::2])
-    if not 0 < low < high <= (top := IMPORT_LIMITS.max_frequency * recording.sample_rate):
+    (low, high), top = map(number_in, text.partition(":")[::2]), IMPORT_LIMITS.max_frequency * recording.sample_rate
+    if not 0 < low < high <= top:
         problem = f'{key} = "{text}" is not a band that {recording.path} can hold'
         raise InputError(problem, f"write auto or LO:HI, as 100:300, up to {top:g} Hz", key=key, value=text)
     return low, high

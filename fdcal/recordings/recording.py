@@ -292,8 +292,7 @@ class ImportOptions:
         None, "Greatest number of rows of all takes.  [default: 400]", "M"
     )
     kind: Literal["auto", Kind] = option(
-        "auto",
-        "impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
+        "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."
     )
     windows: str = option("auto", "Band of short windows, Hz, that count beside the rows.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
@@ -303,8 +302,7 @@ class ImportOptions:
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Instead of a temperature.", "M/S")
     dimension: Literal[2, 3] = option(3, "Of the sound field.")
     array_dimension: Literal[2, 3] | None = option(
-        None,
-        "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]",
+        None, "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]"
     )
     subset: str | None = option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
     seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
