@@ -609,7 +609,7 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
 @pytest.mark.parametrize("known", ["all", "none"])
 def test_the_same_end_has_the_same_sigma(healthy, known):
     """Whatever the way to it: from the end again with one microphone dragged off."""
-    measurement = healthy if known == "all" else replace(healthy, known=np.zeros(0, int), known_positions=None)
+    measurement = healthy if known == "all" else measured(array(), np.zeros(0, int), modes=MODES)
     problem, first = (end := solving.solved(measurement)).problem, end.state
     start = np.array(first.positions)
     start[int(problem.free[3])] += 0.2 * np.array([0.6, 0.8])
