@@ -279,7 +279,7 @@ def calibrate(
 @opt.option("--kind", "impulse: arrival times count, too.", type=["stationary", "impulse"], default="stationary")
 @opt.option("--seed S", "Random seed of the places of the source.", type=click.IntRange(0), default=0)
 def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, seed):
-    """Tell beforehand how exact an array will be calibrated.
+    """Forecast how exactly an array can be calibrated.
 
     LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
     0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.

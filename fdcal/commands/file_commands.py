@@ -95,7 +95,7 @@ def correct(recording, result, output, force):
 @opt.option("--positions FILE", "List to compare with: a table name,x,y[,z], or a geometry.")
 @opt.recording_options(*opt.RECORDED)
 def doctor(sources, positions, **recorded):
-    """Tell whether a recording, or a published data set, is what it says.
+    """Check whether a recording, or a published data set, is what it claims to be.
 
     FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
     different; responses that wrap round; clocks that differ; whether there is one sound field, and a measured one;

@@ -64,7 +64,7 @@ def camera_for(
 
 
 def _corners(picture: Picture, view: str) -> np.ndarray:
-    """Corners (P, 3), metres, of the box that a 3-D view shows; close, with the numbers of its rulers."""
+    """Return the corners (P, 3), metres, of the box that a 3-D view shows; if close, with the numbers of its rulers."""
     x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
     low, high = picture.z_range
     room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
@@ -78,7 +78,7 @@ def _corners(picture: Picture, view: str) -> np.ndarray:
 
 
 def _axes(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Directions (3,) in the room, of unit length, that lead right, up and away in the image."""
+    """Return the unit vectors (3,) in the room that point right, up and away in the image."""
     forward = np.subtract(camera.look_at, camera.position)
     forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, camera.up)
@@ -87,7 +87,7 @@ def _axes(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
-    """A camera that looks at `centre` (3,) from `direction` (3,) and sees `height` metres there."""
+    """Return a camera that looks at `centre` (3,) from `direction` (3,) and sees `height` metres there."""
     distance = height / 2 / math.tan(fov / 2) if fov else 2 * height
     towards = np.array(direction) / np.linalg.norm(direction)
     x, y, z = (centre + distance * towards).tolist()

@@ -39,7 +39,7 @@ def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Trian
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (S, 3) at length 1; those of length 0 point along x."""
+    """Return vectors (S, 3) scaled to length 1; those of length 0 point along x."""
     length = np.linalg.norm(vectors, axis=1)[:, None]
     return np.divide(vectors, length, out=np.tile([1.0, 0.0, 0.0], (len(vectors), 1)), where=length > 0)
 
@@ -66,13 +66,13 @@ def squares(centres: np.ndarray, edge: float) -> Triangles:
 
 
 def _repeat(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Triangles:
-    """One shape, repeated around every centre."""
+    """Return one shape, repeated around every centre."""
     first = len(vertices) * np.arange(len(centres))[:, None, None]
     return (centres[:, None, :] + vertices).reshape(-1, 3), (first + faces).reshape(-1, 3)
 
 
 def _quads(count: int) -> np.ndarray:
-    """Faces of `count` quadrilaterals of four vertices each."""
+    """Return the faces of `count` quadrilaterals of four vertices each."""
     return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
 
 

@@ -173,7 +173,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
 
 
 def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
-    """Points (P, 3), metres, on a map, its highest place within a radius, or at its height."""
+    """Return points (P, 3), metres, on a map: at its highest place within a radius, or at its level if it is flat."""
     draped = drape(points, floor, radius)
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 

@@ -3,19 +3,22 @@
     first     peak of the response that stands out first; a few neighbouring microphones hear it within the time that
               sound takes across the array
     template  what all microphones have in common within a short window about that peak: the leading singular vector of
-              the aligned windows. A source that is not a point, a filter of the channels and the band of the recording
-              are all in it, so that no shape is assumed
+              the aligned windows. It includes the effects of an extended source, of the channels' filters and of the
+              band of the recording, so that no shape is assumed
     time      where the correlation of the window with the template is greatest, between samples (Knapp and Carter,
               "The Generalized Correlation Method for Estimation of Time Delay", IEEE TASSP 24(4), 1976)
 
-A microphone whose window is not like the template, or whose peak has another before it that is nearly as high, has no
-arrival (NaN). What is left of a reflection within the window shifts the time by about
+A microphone has no arrival (NaN) if its window differs from the template, or if an earlier peak is nearly as high. A
+reflection within the window shifts the time by about
 
     sigma = a sqrt(1 - rho^2) / rho / B
 
-rho the correlation with the template, B its angular RMS bandwidth: the scatter of a maximum likelihood estimate at that
-ratio of signal to interference, a the part of the difference that is a shift. It is the scale of errors to begin with;
-a solver finds the actual one.
+the scatter of a maximum likelihood estimate at that ratio of signal to interference. A solver begins with it and
+estimates the actual one.
+
+    rho    correlation of the window with the template
+    B      angular RMS bandwidth of the template
+    a      fraction of the difference that is a shift
 """
 
 from dataclasses import dataclass

@@ -179,11 +179,11 @@ def min_duration(low: float) -> float:
 
 
 def room_spacing(powers: np.ndarray, window: float) -> Spacing:
-    """Return how close frequencies are worth taking, from the power of the channels over frequency.
+    """Return the useful spacing of frequencies, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
-    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. A width below that of
-    the window cannot be seen; that of the window is used then.
+    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. A width below that of the window cannot be
+    measured, and the width of the window is used instead.
     """
     step = window / 2
     relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels

@@ -1,10 +1,10 @@
-"""Which frequencies of a recording to use: evenly over a band, as close as is worth it.
+"""Which frequencies of a recording to use: evenly over a band, as closely spaced as is useful.
 
-The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. They are
-chosen without regard to the level. A peak of the level is a maximum of the pressure where the array stands, and there
-its gradient is small: an array much smaller than the wavelength, calibrated with peaks alone, comes out at 0.5 to 0.8
-of its size. Two frequencies that are close carry the same information. With e(t) the energy of the response at time t
-and v its noise or, where that is less, what a model of the field cannot explain,
+The method does not need eigenfrequencies. Any frequency can be used, as long as no source inside the array emits it.
+Frequencies are chosen without regard to the level. At a peak of the level the pressure is at a maximum where the array
+stands, so that its gradient is small: an array much smaller than the wavelength that is calibrated with peaks alone
+comes out at 0.5 to 0.8 of its size. Two frequencies that are close carry the same information. With e(t) the energy of
+the response at time t and v its noise or, where that is less, the part that a model of the field cannot explain,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
     T    = sum e / (e + v)         the time in which the response stands out

@@ -82,7 +82,7 @@ def extend_to_last_mode(
 ) -> Decay:
     """Return `decay` with a later tail, so that no mode of the band rings on in it.
 
-    `noise`: power of one sample of the transform where it is known: noise that varies in time is then no mode.
+    `noise`: power of one sample of the transform, if known; noise that varies in time is then not taken for a mode.
     """
     if decay.tail is None:
         return decay
@@ -191,7 +191,7 @@ def impulse_response_pressures(
     max_rows: int = ROWS.max_rows,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
-    """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
+    """Return the pressures of an impulse response; the part in which the sound is below the noise is left out.
 
     `max_rows`: maximum number of frequencies; `noise`: power of the noise in one sample of the transform, where it is
     known; else it is estimated from the tail.
