@@ -260,27 +260,18 @@ def _coherence(recording: Recording) -> np.ndarray:
 PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
 
 
-def select_subset(recording: Recording, text: str, seed: int) -> Recording:
-    """Return the recording of some microphones: a list as in "0,3,8:12", or so many at random as in "200"."""
-    numbers: list[int] = []
+def select_subset(recording: Recording, text: str) -> Recording:
+    """Return the recording of the microphones in a list of numbers and slices, such as "0,3,8:12" or "::4"."""
+    numbers, count = list[int](), recording.count
     try:
         for part in text.split(","):
-            first, colon, end = part.partition(":")
-            numbers += range(int(first), min(int(end), recording.count + 1)) if colon else [int(part)]
-    except ValueError:
-        problem = f'subset = "{text}" is neither a number nor a list'
-        raise InputError(problem, "write <subset> as 200, or 0,3,8:12", key="subset", value=text) from None
-    if len(numbers) == 1 and "," not in text and ":" not in text:
-        number = numbers[0]
-        if not 1 <= number <= recording.count:
-            problem = f"subset = {number} cannot be drawn from {recording.count} microphones"
-            raise InputError(problem, "give a smaller <subset>", key="subset", value=number)
-        drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
-        return select_channels(recording, np.sort(drawn))
-    wrong = [n for n in numbers if not 0 <= n < recording.count]
-    if wrong or len(set(numbers)) < len(numbers) or not numbers:
-        problem = f"subset = {text} must name microphones of 0 to {recording.count - 1}, each at most once"
-        raise InputError(problem, key="subset", value=text)
+            ends = [int(end) if end.strip() else None for end in part.split(":")]
+            numbers += range(*slice(*ends).indices(count)) if len(ends) > 1 else [int(part)]
+    except (TypeError, ValueError):
+        numbers = []
+    if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= n < count for n in numbers):
+        problem = f'subset = "{text}" does not name some of the microphones 0 to {count - 1}, each at most once'
+        raise InputError(problem, "write <subset> as 0,3,8:12, or ::4", key="subset", value=text)
     return select_channels(recording, numbers)
 
 

@@ -248,7 +248,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     chosen = []
     for one in recordings:
         if options.subset is not None:
-            one = select.select_subset(one, options.subset, options.seed)
+            one = select.select_subset(one, options.subset)
         if listed:  # before any sample is read, since samples of these channels may not be numbers
             one = select.exclude_channels(one, ",".join(listed), np.zeros(0, int))
         chosen.append(one)

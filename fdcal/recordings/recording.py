@@ -276,8 +276,6 @@ class ImportOptions:
         equal, or if short windows show that the array is flat.
     subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
-    seed : int
-        Of a random `subset`.
     reference : str or None
         File with the signal that the source emitted.
     rate : float or None
@@ -304,8 +302,7 @@ class ImportOptions:
     array_dimension: Literal[2, 3] | None = option(
         None, "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]"
     )
-    subset: str | None = option(None, "Use N microphones drawn at random, or those in a list.", "N|I,J,...")
-    seed: Annotated[int, within(0)] = option(0, "Random seed of --subset.", "S")
+    subset: str | None = option(None, "Use only these microphones, as 0,3,8:12, or ::4 for every fourth.", "I,J,...")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
     known: str | None = option(None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|none|FILE")
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")

@@ -163,7 +163,6 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # variables of a style sheet, and comments of a page
 ALLOWED = {  # the page says how to list the commands; options of git
     "model/storage.py": {"--format", "--porcelain"},
-    "recordings/recording.py": {"--subset"},  # a help text, declared beside the option
     "viewer/tabs/help.py": {"--help"},
 }
 
