@@ -2,9 +2,9 @@
 
 import contextlib
 import functools
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from queue import Queue
-from types import SimpleNamespace
 
 import pytest
 
@@ -44,15 +44,15 @@ def serving_here(scene=None, port=0, lessons=(), play=False):
 
     It has a session, controls and panels of its own. Without a scene the opening plays.
     """
-    stop, address = SimpleNamespace(received=False), Queue()
+    stop, address = threading.Event(), Queue()
     request = None if scene is None else OpenRequest(scene, play=play)
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
-        patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
+        patch.setattr(app, "interrupts", lambda: contextlib.nullcontext(stop))
         served = pool.submit(app.serve, request, port=port, on_ready=address.put, lessons=lessons)
         try:
             yield address.get(timeout=WAIT)
         finally:
-            stop.received = True
+            stop.set()
             served.result(WAIT)
 
 

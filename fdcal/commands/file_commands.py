@@ -147,7 +147,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
-    from ..session.process import Interrupt
+    from ..session.process import interrupts
 
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
@@ -169,7 +169,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)
-        with Interrupt(urgent=False) as interrupt, opt.progress_bar("recording") as progress:
+        with interrupts(urgent=False) as interrupt, opt.progress_bar("recording") as progress:
             known_faults = dict[int, str]()
 
             def watch(done, health, stream=stream, interrupt=interrupt, progress=progress, faults=known_faults) -> bool:
@@ -177,7 +177,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
                 for line in _newly_faulty(done, health, stream.names, faults) if done >= 1 else ():
                     tqdm.write(line)  # above the bar
                     sys.stdout.flush()
-                return not interrupt.received
+                return not interrupt.is_set()
 
             take = record_take(stream, path, seconds, watch, force)
         print(f"take {len(paths) + 1}  {take.text}", flush=True)

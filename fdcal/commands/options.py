@@ -244,13 +244,6 @@ def option_name(key: str) -> str:
     return f"--{key.replace('_', '-')}"
 
 
-# Settings of a solver that are options of `fdcal calibrate`, and their declarations.
-SOLVER_OPTIONS = {
-    field.name: declared
-    for field in fields(SolverSettings)
-    if "help" in (declared := declaration(SolverSettings, field.name)[1])
-}
-
 # Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
 NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
@@ -272,7 +265,7 @@ OPTIONS = {
     "snr": "--snr DB",
     "time_limit": "--time-limit SECONDS",
 }
-OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), *SOLVER_OPTIONS)}
+OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), "gains", "noise", "start", "sound_speed_sigma")}
 
 
 BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
@@ -335,17 +328,38 @@ radius_option = option("--radius R", "Radius R of the order rule ceil(k R), metr
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given
 
 
-def solver_options(command):
-    """Add an option for each of SOLVER_OPTIONS."""
-    special = {"known": (str, "all|minimal|none|NAMES|FILE.csv"), "noise": (noise_level, "DB|auto|reported")}
-    units = {"m": (length, "LENGTH"), "": (percentage, "PERCENT")}
-    for key, declared in reversed(SOLVER_OPTIONS.items()):
-        kind = declaration(SolverSettings, key)[0]
-        choices = click.Choice(get_args(kind)) if get_origin(kind) is Literal else None
-        numeric = units[declared["unit"]] if kind is float else (choices or str, None)
-        shape, metavar = special.get(key, numeric)
-        command = click.option(option_name(key), key, type=shape, metavar=metavar, help=declared["help"])(command)
-    return command
+def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> Callable[[Any], Any]:
+    """Return a decorator that adds the options that a dataclass declares, all or those named.
+
+    `types`: of options whose text is not what the field holds.
+    """
+
+    def add(command):
+        for field in reversed([one for one in fields(record) if "help" in one.metadata]):
+            if names and field.name not in names:
+                continue
+            kind, number = declaration(record, field.name)[0], None
+            if get_origin(kind) is Literal:
+                choices = get_args(kind)
+                number = int if isinstance(choices[0], int) else None
+                kind = click.Choice([str(one) for one in choices])
+            fixed = field.default is not None and record is ImportOptions  # a scene has settings of its own
+            default = f"  [default: {field.default}]" if fixed else ""
+            command = click.option(
+                option_name(field.name),
+                type=types.get(field.name, Number() if kind is float else kind),
+                metavar=field.metadata["metavar"],
+                callback=lambda _, __, value, number=number: number(value) if number and value else value,
+                help=field.metadata["help"] + default,
+            )(command)
+        return command
+
+    return add
+
+
+solver_options = declared_options(
+    SolverSettings, known=str, noise=noise_level, known_sigma=length, sound_speed_sigma=percentage
+)
 
 
 # The options of recordings that `calibrate` and `doctor` have; `import` has all.
@@ -356,21 +370,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
     """Return a decorator that adds the options of `ImportOptions`, all or those named, and those of several files."""
 
     def add(command):
-        declared = [field for field in fields(ImportOptions) if "help" in field.metadata]
-        for field in reversed([field for field in declared if not names or field.name in names]):
-            kind, number = declaration(ImportOptions, field.name)[0], None
-            if get_origin(kind) is Literal:
-                choices = get_args(kind)
-                number = int if isinstance(choices[0], int) else None
-                kind = click.Choice([str(one) for one in choices])
-            default = f"  [default: {field.default}]" if field.default is not None else ""
-            command = click.option(
-                option_name(field.name),
-                type=Number() if kind is float else kind,
-                metavar=field.metadata["metavar"],
-                callback=lambda _, __, value, number=number: number(value) if number and value else value,
-                help=field.metadata["help"] + default,
-            )(command)
+        command = declared_options(ImportOptions, names)(command)
         for one in reversed((
             click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
             click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),

@@ -44,9 +44,9 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, length, out=np.tile([1.0, 0.0, 0.0], (len(vectors), 1)), where=length > 0)
 
 
-def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
-    """Return `arms` segments of half length `radius` through each centre (P, 3), the first at the angle `turn`."""
-    angles = turn + np.pi * np.arange(arms) / arms
+def stars(centres: np.ndarray, radius: float, arms: int = 2) -> np.ndarray:
+    """Return `arms` segments of half length `radius` through each centre (P, 3), the first at 45 degrees."""
+    angles = np.pi / 4 + np.pi * np.arange(arms) / arms
     arm = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
 

@@ -279,8 +279,8 @@ def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
     }
 
 
-def plot_marks(panel: Any, name: str, places, text: str = "", scale: float = 1.0) -> None:
-    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo; `text`: in place of its word."""
+def plot_marks(panel: Any, name: str, places, scale: float = 1.0) -> None:
+    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo."""
     if places is None or not len(places):
         return
     from matplotlib import patheffects
@@ -289,7 +289,7 @@ def plot_marks(panel: Any, name: str, places, text: str = "", scale: float = 1.0
     width = scale * mark.stroke
     halo = [patheffects.withStroke(linewidth=width + 2 * scale, foreground=fractions(mark.halo_colour))]
     panel.plot(
-        x, y, mark.marker, color=fractions(mark.colour), label=text or mark.text, markersize=scale * mark.points,
+        x, y, mark.marker, color=fractions(mark.colour), label=mark.text, markersize=scale * mark.points,
         markeredgewidth=width, fillstyle="none", linestyle="none", path_effects=halo, clip_on=False,
         zorder=2.5 if mark.shape == "diamond" else 3.0,  # below a true position
     )  # fmt: skip

@@ -20,6 +20,7 @@ from .validation import (
     Point,
     Positive,
     check,
+    option,
     positive,
     refusal,
     require_finite,
@@ -185,19 +186,6 @@ ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its arr
 KNOWN_ROOM_SOLVERS = ("room",)
 
 
-# Settings that are options of `fdcal calibrate`, too (`fdcal.commands.options.solver_options`).
-HELP = {
-    "start": "Positions to begin with.  [default: the solver's own]",
-    "noise": "SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
-    "known": "Which known microphones to use; minimal: one position, one direction, one side.",
-    "gains": "Whether solver robust seeks gain and phase of every channel.",
-    "known_sigma": "One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact."
-    "  [default: estimated, 3mm at most]",
-    "sound_speed_sigma": "One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated."
-    "  [default: exact]",
-}
-
-
 @dataclass(frozen=True)
 class SolverSettings:
     """Which solver, and its settings.
@@ -252,17 +240,28 @@ class SolverSettings:
     known_weight: Positive = 1000.0
     weights: Literal["unit", "raw"] = "unit"
     max_sweeps: Count = 20
-    start: Annotated[Literal["affine", "random"] | None, within(solver="joint", help=HELP["start"])] = None
-    noise: Annotated[str, within(solver="joint", help=HELP["noise"])] = "reported"
-    known: Annotated[Literal["all", "minimal", "none"], within(help=HELP["known"])] = "all"
+    # Fields that are made by `option` are options of `fdcal calibrate`, too.
+    start: Annotated[Literal["affine", "random"] | None, within(solver="joint")] = option(
+        None, "Positions to begin with.  [default: the solver's own]"
+    )
+    noise: Annotated[str, within(solver="joint")] = option(
+        "reported", "SNR of each frequency, dB; auto estimates it, reported is that of the file.", "DB|auto|reported"
+    )
+    known: Literal["all", "minimal", "none"] = option(
+        "all", "Known microphones to use; minimal: a position, a direction, a side.", "all|minimal|none|NAMES|FILE.csv"
+    )
     room: tuple[Metres, ...] | None = None
-    gains: Annotated[Literal["auto", "fixed"], within(solver="robust", help=HELP["gains"])] = "auto"
+    gains: Annotated[Literal["auto", "fixed"], within(solver="robust")] = option(
+        "auto", "Whether solver robust seeks gain and phase of every channel."
+    )
     gain_sigma_db: Annotated[float, positive("dB", solver="robust", with_gains=True)] | None = None
     phase_sigma_deg: Annotated[float, positive("degrees", solver="robust", with_gains=True)] | None = None
-    known_sigma: Annotated[float, within(0, LIMITS.largest, "m", solver="robust", help=HELP["known_sigma"])] | None = (
-        None
+    known_sigma: Annotated[float, within(0, LIMITS.largest, "m", solver="robust")] | None = option(
+        None, "Robust: one sigma of each given coordinate, as 5mm, 0mm: exact.  [default: estimated]", "LENGTH"
     )
-    sound_speed_sigma: Annotated[float, positive(solver="robust", help=HELP["sound_speed_sigma"])] | None = None
+    sound_speed_sigma: Annotated[float, positive(solver="robust")] | None = option(
+        None, "Robust, joint: estimate it, with this sigma, as 0.3%.  [default: exact]", "PERCENT"
+    )
 
     OPTIONAL: typing.ClassVar = (
         "modes", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",

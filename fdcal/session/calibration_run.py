@@ -24,7 +24,7 @@ from ..model.validation import InputError, Metres, Seconds, convert, frozen_arra
 from ..solvers import load, run
 from ..solvers.interface import RunState, ended_early, time_limit
 from ..solvers.requirements import check_solvable, needed_modes
-from .process import Interrupt, one_blas_thread
+from .process import interrupts, one_blas_thread
 from .sources import CalibrationInput, ProgressReport
 
 
@@ -181,11 +181,11 @@ def solve(
         while True:
             limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
             state, stopped, end = last_state(inputs, progress, problem, clock)
-            with Interrupt() as interrupt:  # an interrupt must not discard the positions that were found
+            with interrupts() as interrupt:  # an interrupt must not discard the positions that were found
                 found = assess_state(inputs, problem, state, wording)
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
-            rerun = inputs.all_modes and found.verdict == "undersampled" and not interrupt.received
+            rerun = inputs.all_modes and found.verdict == "undersampled" and not interrupt.is_set()
             left = end - clock() if rerun else -np.inf
             faulty = found.channels.faulty if found.channels else ()  # the position of a dead one is arbitrary
             healthy = found.positions[[name not in faulty for name in inputs.measurement.names]]

@@ -11,50 +11,50 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
-class Interrupt:
-    """A context manager in which Ctrl-C, SIGTERM and SIGHUP set `received` instead of raising KeyboardInterrupt.
-
-    If `urgent`, a second signal raises KeyboardInterrupt. A signal that was ignored before, as under nohup, stays
-    ignored. The previous handlers are restored at the end.
-    """
-
-    def __init__(self, urgent: bool = True):
-        self.received, self._urgent = False, urgent
-
-    def __enter__(self) -> Interrupt:
-        self._previous = []
-        for number in ENDING:
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                with contextlib.suppress(ValueError):  # signals can be handled in the main thread only
-                    self._previous.append((number, signal.signal(number, self._receive)))
-        return self
-
-    def _receive(self, *_) -> None:
-        if self.received and self._urgent:
-            raise KeyboardInterrupt
-        self.received = True
-
-    def __exit__(self, *_) -> None:
-        for number, handler in self._previous:
-            signal.signal(number, handler)
-
-
 @contextlib.contextmanager
-def ended_as_interrupted() -> Iterator[None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
-    numbers = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
-    for number in numbers:
-        signal.signal(number, signal.default_int_handler)
+def _handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
+    """Let `handler` receive the signals of ENDING in the block: `every` one not ignored, or those without a handler.
+
+    A signal that was ignored before, as under nohup, stays ignored.
+    """
+    previous = []
+    for number in ENDING:
+        before = signal.getsignal(number)
+        if before is signal.SIG_DFL or (every and before is not signal.SIG_IGN):
+            with contextlib.suppress(ValueError):  # signals can be handled in the main thread only
+                previous.append((number, signal.signal(number, handler)))
     try:
         yield
     finally:
-        for number in numbers:
-            signal.signal(number, signal.SIG_DFL)
+        for number, before in previous:
+            signal.signal(number, before)
+
+
+@contextlib.contextmanager
+def interrupts(urgent: bool = True) -> Iterator[threading.Event]:
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set in the block, instead of raising KeyboardInterrupt.
+
+    If `urgent`, a second signal raises KeyboardInterrupt.
+    """
+    received = threading.Event()
+
+    def receive(*_) -> None:
+        if received.is_set() and urgent:
+            raise KeyboardInterrupt
+        received.set()
+
+    with _handled_by(receive, every=True):
+        yield received
+
+
+def ended_as_interrupted() -> contextlib.AbstractContextManager[None]:
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
+    return _handled_by(signal.default_int_handler, every=False)
 
 
 VARIABLE = "OPENBLAS_NUM_THREADS"

@@ -191,7 +191,7 @@ class SolverRun:
         self.view = replace(self.view, **changes)
         self._on_change()
 
-    def _keep(self, states: list, error: str = "", lineage: object = None, dragged: bool = False) -> None:
+    def _keep(self, states: list, lineage: object = None, dragged: bool = False) -> None:
         """Show the last of `states`, with a new lineage unless it is given.
 
         While a microphone is dragged the cost is computed later, since the next move replaces the state.
@@ -203,7 +203,7 @@ class SolverRun:
             state=states[-1],
             index=len(states) - 1,
             running=self._reached is not None,
-            error=error,
+            error="",
             history=tuple(states),
             lineage=lineage or object(),
         )

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
-from ..session.process import Interrupt
+from ..session.process import interrupts
 from ..session.sources import OpenRequest
 from ..session.worker import Flag
 from .opening import film_html, opening_request
@@ -33,7 +33,7 @@ def serve(
     Raises InputError: the address or the scene cannot be used; StorageError: a file of the scene cannot be read.
     """
     share_one_heap()
-    with Interrupt() as interrupt, error_log():
+    with interrupts() as interrupt, error_log():
         page, opens = None, request is None and begin is None
         sent, connected = Flag(), Flag()
         server = open_server(host, port, film_html() if opens else "", sent.set)

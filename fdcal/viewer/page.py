@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 import viser
 
 from ..session.lesson import Lesson
-from ..session.process import Interrupt
 from ..session.sources import OpenRequest
 from ..session.worker import Flag
 from .address import AddressBar
@@ -119,13 +118,13 @@ class Page:
         elif not self.viewer.binding.choices.themed:
             self.viewer.tabs.view.darken(dark, preferred=True)
 
-    def run(self, interrupt: Interrupt) -> None:
+    def run(self, interrupt: Flag) -> None:
         """Update the screen until interrupted, and do nothing while nothing changes.
 
         InputError or StorageError if the first request cannot be shown.
         """
         idle_from, next_check = math.inf, 0.0
-        while not interrupt.received:
+        while not interrupt.is_set():
             now = time.perf_counter()
             if self.changed:
                 idle_from = now + SETTLING
