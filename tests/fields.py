@@ -71,3 +71,20 @@ def plane_wave_coefficients(k, angle, order, centre):
     """Its coefficients by Jacobi and Anger: exp(-j z cos t) = sum (-j)^l J_l(z) exp(j l t)."""
     l = np.arange(-order, order + 1)  # noqa: E741
     return (-1j) ** l * np.exp(-1j * l * angle) * plane_wave([centre], k, angle)
+
+
+def disc(count, radius=0.5, seed=0, centre=(0.0, 0.0)):
+    """Positions (N, 2), metres, evenly distributed over a disc."""
+    rng = np.random.default_rng(seed)
+    r, angle = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    return np.array(centre) + np.column_stack([r * np.cos(angle), r * np.sin(angle)])
+
+
+def waves(x, wavenumbers, count=40, rng=0, noise=0.0):
+    """Pressures (M, N) of unit power at x (N, D): plane waves from random directions, and white noise."""
+    rng, k = np.random.default_rng(rng), np.asarray(wavenumbers)
+    u = rng.normal(size=(len(k), count, x.shape[1]))
+    u /= np.linalg.norm(u, axis=2, keepdims=True)
+    a, e = rng.normal(size=(2, len(k), count)), rng.normal(size=(2, len(k), len(x)))
+    p = np.einsum("mw,mwn->mn", a[0] + 1j * a[1], np.exp(-1j * k[:, None, None] * (u @ x.T)))
+    return np.sqrt((1 - noise) / 2 / count) * p + np.sqrt(noise / 2) * (e[0] + 1j * e[1])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import disc, waves
 from scipy.special import jv
 
 from fdcal.acoustics.coherence import array_radius
@@ -169,38 +170,23 @@ def test_noise_has_the_power_asked_for(tiny, recordings):
 # The extent of an array from the coherence of its pressures.
 
 
-def diffuse(positions, wavenumbers, seed=0, waves=300):
-    """Pressures (M, N) of plane waves from everywhere."""
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(positions.shape[1], waves))
-    phases = positions @ (directions / np.linalg.norm(directions, axis=0))
-    weights = rng.normal(size=(len(wavenumbers), waves)) + 1j * rng.normal(size=(len(wavenumbers), waves))
-    return np.array([np.exp(1j * k * phases) @ w for k, w in zip(wavenumbers, weights, strict=True)])
-
-
-def disc(count, radius, seed=1):
-    rng = np.random.default_rng(seed)
-    r, angle = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
-    return np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
-
-
 @pytest.mark.parametrize("radius", [0.07, 0.4, 1.5])
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_radius_is_found_to_a_factor_of_one_and_a_half_whatever_the_gains(radius, dimension):
     rng = np.random.default_rng(3)
-    positions = disc(40, radius) if dimension == 2 else ball(40, radius, rng)
+    positions = disc(40, radius, 1) if dimension == 2 else ball(40, radius, rng)
     k = np.linspace(0.2, 6, 50) / radius
-    p = diffuse(positions, k)
+    p = waves(positions, k, 300)
     found = array_radius(p, k, dimension)
     assert found is not None and radius / 1.5 < found < 1.5 * radius
     assert array_radius(p * np.exp(0.5 * rng.normal(size=40)), k, dimension) == pytest.approx(found, rel=0.05)
 
 
 def test_no_radius_is_claimed_where_nothing_tells():
-    positions, k = disc(40, 0.5), np.linspace(40, 80, 30)
-    assert array_radius(diffuse(positions, k), k, 2) is None, "the array is incoherent throughout"
+    positions, k = disc(40, 0.5, 1), np.linspace(40, 80, 30)
+    assert array_radius(waves(positions, k, 300), k, 2) is None, "the array is incoherent throughout"
     k = np.linspace(0.4, 12, 3)
-    assert array_radius(diffuse(positions, k), k, 2) is None, "three frequencies are too few"
+    assert array_radius(waves(positions, k, 300), k, 2) is None, "three frequencies are too few"
 
 
 # Faults that a scene states are in its measurement, and only there.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import measured
+from fields import disc, measured
 from solving import solved
 
 import fdcal
@@ -25,9 +25,7 @@ NAMES = [str(n) for n in range(COUNT)]
 
 def array():
     """Positions within a disc of 0.5 m in the room of `fields.measured`."""
-    rng = np.random.default_rng(3)
-    radius, angle = 0.5 * np.sqrt(rng.random(COUNT)), 2 * np.pi * rng.random(COUNT)
-    return np.array([2.6, 2.3]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+    return disc(COUNT, 0.5, 3, (2.6, 2.3))
 
 
 def found_in(measurement: Measurement) -> tuple[Assessment, Mapping[int, ChannelFault]]:

@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fields import waves
 from PIL import Image, ImageDraw
 
 from fdcal.graphics import annotations, glyphs
@@ -30,14 +31,10 @@ def scene():
     return load_scene("tiny")
 
 
-def listen(positions, known=(0, 1, 2), search=None, seed=0, **more) -> Measurement:
+def listen(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
     """Plane waves at the positions: a measurement that needs no simulation."""
-    rng = np.random.default_rng(seed)
-    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 6))
-    k = np.array([1.0, 2.0, 3.0])
-    towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    p = np.exp(1j * (k[:, None, None] * (towards @ np.asarray(positions)[:, :2].T) + phases[:, :, None])).sum(axis=1)
-    return Measurement(k * 343 / (2 * np.pi), p, 343.0, positions=positions, known=known, search=search, **more)
+    p, f = waves(np.asarray(positions), [1.0, 2.0, 3.0], 6), [50.0, 100.0, 150.0]
+    return Measurement(f, p, 343.0, positions=positions, known=known, search=search, **more)
 
 
 @pytest.fixture(scope="module")

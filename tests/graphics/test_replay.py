@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import until
+from fields import waves
 from replays import Reader, contents, offline_page, wait_for
 from running import exit_code
 
@@ -233,21 +234,16 @@ MAP = """([t, n, indices]) => {
 
 def measured(dimension, array_dimension, count=44, modes=9):
     """Plane waves with a decay at random positions: names, frequencies and wavenumbers as of a measured room."""
-    rng = np.random.default_rng(dimension + array_dimension)
     low, size = np.array([*SEARCH.origin, 0.5]), np.array([*SEARCH.size, 0.6])
+    rng, f, search = np.random.default_rng(dimension + array_dimension), np.linspace(60, 280, modes), SEARCH
     places = (low + size * rng.uniform(size=(count, 3)))[:, :array_dimension]
-    f = np.linspace(60, 280, modes)
     k = 2 * np.pi * f / 343 - 0.04j
-    rays = rng.normal(size=(modes, 5, array_dimension))
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    phases = np.exp(1j * rng.uniform(0, 2 * np.pi, (modes, 5, 1)))
-    p = np.sum(phases * np.exp(-1j * k[:, None, None] * np.einsum("mrd,nd->mrn", rays, places)), axis=1)
-    search = SEARCH
     if array_dimension == 3:
-        search = dataclasses.replace(SEARCH, origin=(*SEARCH.origin, 0.5), size=(*SEARCH.size, 0.6))
+        search = dataclasses.replace(SEARCH, origin=tuple(low), size=tuple(size))
     return Measurement(
-        f, p, 343.0, dimension, array_dimension, wavenumbers=k, positions=places, known=[0, 5, 9], search=search
-    )
+        f, waves(places, k, 5, rng), 343.0, dimension, array_dimension, wavenumbers=k, positions=places,
+        known=[0, 5, 9], search=search,
+    )  # fmt: skip
 
 
 def states_of(measurement, count=4, channels=None):

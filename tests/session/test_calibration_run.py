@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fields import waves
 
 import fdcal
 from fdcal import solvers
@@ -73,32 +74,18 @@ def test_solver_robust_estimates_the_sound_speed_too(given):
 # Modes that the array found cannot interpolate are left out where their number was left open, and that is said.
 
 
-SPEED, COUNT, WAVES, MODES = 343.0, 16, 200, 42
+SPEED, COUNT, MODES = 343.0, 16, 42
 
 
 @pytest.fixture(scope="module")
 def wide() -> Measurement:
     """A ball of microphones in a diffuse field at frequencies up to a tenth above f_max of Eq. 9, SNR 50 dB."""
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(COUNT, 3))
-    points *= (0.3 * rng.uniform(0.3, 1, COUNT) ** (1 / 3) / np.linalg.norm(points, axis=1))[:, None]
-    f = np.linspace(150, 1.1 * array_f_max(points, SPEED, 3), MODES)
-    directions = rng.normal(size=(len(f), WAVES, 3))
-    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
-    amplitudes = rng.normal(size=(len(f), WAVES)) + 1j * rng.normal(size=(len(f), WAVES))
-    phases = 2 * np.pi * f[:, None, None] / SPEED * (directions @ points.T)
-    pressures = np.einsum("mw,mwn->mn", amplitudes, np.exp(1j * phases))
-    noise = rng.normal(size=pressures.shape) + 1j * rng.normal(size=pressures.shape)
-    return Measurement(
-        frequencies=f,
-        pressures=pressures + 10 ** (-50 / 20) * np.sqrt(np.mean(np.abs(pressures) ** 2) / 2) * noise,
-        sound_speed=SPEED,
-        dimension=3,
-        array_dimension=3,
-        positions=points,
-        known=[0, 1, 2, 3, 4],
-        known_positions=points[:5],
-    )
+    x = rng.normal(size=(COUNT, 3))
+    x *= (0.3 * rng.uniform(0.3, 1, COUNT) ** (1 / 3) / np.linalg.norm(x, axis=1))[:, None]
+    f = np.linspace(150, 1.1 * array_f_max(x, SPEED, 3), MODES)
+    p = waves(x, 2 * np.pi * f / SPEED, 200, rng, 1e-5)
+    return Measurement(f, p, SPEED, 3, positions=x, known=range(5), known_positions=x[:5])
 
 
 def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide, remembered_runs):

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import waves
 
 from fdcal import solvers
 from fdcal.acoustics.compiled import OutOfTime, check_deadline, deadline
@@ -24,14 +25,9 @@ SPEED = 343.0
 
 def diffuse(count: int = 12, modes: int = 16, extent: float = 0.6, known: int = 4, **others) -> Measurement:
     """Pressures of plane waves from everywhere at an array in the plane, with noise 30 dB below."""
-    rng = np.random.default_rng(1)
-    positions = rng.uniform(-extent / 2, extent / 2, (count, 2))
+    positions = np.random.default_rng(1).uniform(-extent / 2, extent / 2, (count, 2))
     frequencies = np.linspace(100.0, 700.0, modes)
-    k = 2 * np.pi * frequencies / SPEED
-    angles = rng.uniform(0, 2 * np.pi, 40)
-    waves = np.exp(-1j * k[:, None, None] * (positions @ np.stack([np.cos(angles), np.sin(angles)])))
-    pressures = np.einsum("mnq,mq->mn", waves, rng.normal(size=(modes, 40)) + 1j * rng.normal(size=(modes, 40)))
-    pressures = pressures / np.sqrt(80) + 0.02 * rng.normal(size=(2, modes, count)).T.swapaxes(0, 1) @ [1, 1j]
+    pressures = waves(positions, 2 * np.pi * frequencies / SPEED, noise=1e-3)
     return Measurement(frequencies, pressures, SPEED, positions=positions, known=range(known), **others)
 
 

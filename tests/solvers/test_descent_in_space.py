@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from fields import waves
 from solving import run_from
 
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
@@ -25,18 +26,13 @@ def truth_of(seed):
     return np.array(SEARCH.origin) + STEP * np.random.default_rng(seed).integers(2, 19, (COUNT, 3))
 
 
-def problem_of(truth, known, waves=40, dimension=3):
+def problem_of(truth, known, dimension=3):
     """Fields of many plane waves, from 55 to 190 Hz."""
-    rng, k = np.random.default_rng(5), np.linspace(1.0, 3.5, SETTINGS.modes)
-    directions = rng.normal(size=(waves, 3))
-    directions /= np.linalg.norm(directions, axis=1)[:, None]
-    amplitudes = rng.normal(size=(len(k), waves)) + 1j * rng.normal(size=(len(k), waves))
-    pressures = np.einsum("mnw,mw->mn", np.exp(1j * k[:, None, None] * (truth @ directions.T)), amplitudes)
-    pressures /= np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))[:, None]
+    k = np.linspace(1.0, 3.5, SETTINGS.modes)
     return Measurement(
-        343 * k / (2 * np.pi), pressures, 343.0, 3, positions=truth, known=np.arange(known), search=SEARCH,
+        343 * k / (2 * np.pi), waves(truth, k, 40, 5), 343.0, 3, positions=truth, known=np.arange(known), search=SEARCH,
         array_dimension=dimension,
-    ).problem("raw")  # fmt: skip
+    ).problem("unit")  # fmt: skip
 
 
 TRUTH = truth_of(1)

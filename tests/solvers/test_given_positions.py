@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import measured
+from fields import disc, measured
 from solving import rms, rms_of_shape, solved
 
 from fdcal.model.validation import frozen_array
@@ -14,10 +14,8 @@ from fdcal.solvers.robust.objective import Unknowns, in_unit_power
 COUNT, MODES, KNOWN = 24, 40, np.array([0, 5, 9, 14, 18, 23])
 
 
-def array(count=COUNT, seed=3):
-    rng = np.random.default_rng(seed)
-    radius, angle = 0.5 * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
-    return np.array([2.6, 2.3]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+def array(count=COUNT):
+    return disc(count, 0.5, 3, (2.6, 2.3))
 
 
 def free(x, sigma=1e-3, turn=0.7):

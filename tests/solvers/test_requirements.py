@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fields import disc, waves
 
 import fdcal
 from fdcal.acoustics.dictionary import array_f_max
@@ -22,19 +23,12 @@ PAPER = {"array1_circle", "array2_random", "array2_faults", "fig1_square", "tiny
 
 def measurement(highest, count=40, radius=0.4, modes=120, known=()):
     """A diffuse field in the plane, up to `highest` times what the array interpolates."""
-    rng = np.random.default_rng(5)
-    r, angle = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
-    positions = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+    positions, given = disc(count, radius, 5), np.array(known, int)
     limit = array_f_max(positions, 343.0, 2)
     frequencies = np.linspace(20, highest * limit, modes)
-    k, directions = 2 * np.pi * frequencies / 343.0, rng.uniform(0, 2 * np.pi, 200)
-    phases = positions @ np.stack([np.cos(directions), np.sin(directions)])
-    waves = rng.normal(size=(modes, 200)) + 1j * rng.normal(size=(modes, 200))
-    pressures = np.array([np.exp(1j * one * phases) @ wave for one, wave in zip(k, waves, strict=True)])
-    given = np.array(known, int)
+    pressures = waves(positions, 2 * np.pi * frequencies / 343.0, 200)
     return Measurement(
-        frequencies=frequencies, pressures=pressures, sound_speed=343.0, positions=positions, known=given,
-        known_positions=positions[given],
+        frequencies, pressures, 343.0, positions=positions, known=given, known_positions=positions[given]
     ), limit  # fmt: skip
 
 
