@@ -5,12 +5,14 @@ import os
 import signal
 import subprocess
 import sys
+from importlib import metadata
 
 import pytest
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands import cli, options
 from fdcal.model import scene as scenes
+from fdcal.model.libraries import LIBRARY, missing_library
 
 FDCAL = [sys.executable, "-m", "fdcal"]
 
@@ -117,3 +119,20 @@ def test_standard_output_that_nobody_reads_ends_the_command():
     os.close(writer)
     assert run.returncode == 1
     assert run.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("module", "extra"),
+    [("viser", "page"), ("matplotlib.figure", "pictures"), ("PIL", "pictures"), ("vtkmodules", "pictures"),
+     ("h5py", "formats"), ("netCDF4", "formats"), ("pandas", "pandas")],
+)  # fmt: skip
+def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
+    library = module.partition(".")[0]
+    missing = missing_library(ModuleNotFoundError(f"No module named {module!r}", name=module))
+    assert missing is not None and f"pip install 'fdcal[{extra}]'" in missing.remedy
+    assert LIBRARY.get(library, library) in missing.problem
+
+
+def test_the_version_is_printed(capsys):
+    assert ended("--version") == 0
+    assert capsys.readouterr().out == f"fdcal {metadata.version('fdcal')}\n"

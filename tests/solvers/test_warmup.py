@@ -1,6 +1,5 @@
-"""A calibration by the likelihood compiles nothing, and what else is compiled is compiled beforehand."""
+"""A calibration by the likelihood loads no compiler, and a page tells how far its warm-up is."""
 
-import os
 import subprocess
 import sys
 import threading
@@ -26,43 +25,6 @@ unneeded |= {"soundfile", "h5py"}
 atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
 main(["calibrate", sys.argv[1]])
 """
-SEARCH = """
-import sys
-from pathlib import Path
-from numba.core.registry import CPUDispatcher
-from fdcal.acoustics import fdtd_kernels
-from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost import basins, lattice
-from fdcal.model.scene import load_scene
-from fdcal.solvers import load
-from fdcal.commands.cli import all_pieces
-
-values = [value for module in (lattice, basins, fdtd_kernels) for value in vars(module).values()]
-kernels = {value.py_func: value for value in values if isinstance(value, CPUDispatcher)}
-
-def signatures():
-    return {function: list(kernel.signatures) for function, kernel in kernels.items()}
-
-for _, compile_piece in all_pieces():
-    compile_piece()
-before, scene = signatures(), load_scene("tiny")
-problem, descent = cached_measurement(scene).problem(), load("descent")
-state = descent.init(problem, scene.solver, 0)
-for _ in range(20):
-    state = descent.step(problem, state)
-basins.local_minima(descent.landscape(problem, state, 1, slice(0, 3)).sum(axis=0))
-after = signatures()
-called = {kernel.__name__ for kernel in before if before[kernel]}
-stored = [any(Path(kernels[one].stats.cache_path).glob(f"*.{one.__name__}-*.nbi")) for one in before if before[one]]
-new = [(kernel.__name__, one) for kernel in after for one in after[kernel] if one not in before[kernel]]
-print({"pruned_search", "_basins", "sweep"} <= called, all(stored), new)
-"""
-
-
-def run(*args: str) -> str:
-    """In a process of its own: in this one other tests have loaded the compiler and compiled what there is."""
-    done = subprocess.run([sys.executable, "-c", *args], capture_output=True, text=True, env=os.environ)
-    return done.stdout.strip() or done.stderr
 
 
 @pytest.fixture(scope="module")
@@ -76,12 +38,9 @@ def tiny_file(tmp_path_factory):
 
 def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
     """No compiler, whichever solver; libraries for pictures, the page and recordings take seconds to load."""
-    *_, summary, loaded = run(COMMAND, str(tiny_file)).splitlines()
+    done = subprocess.run([sys.executable, "-c", COMMAND, str(tiny_file)], capture_output=True, text=True)
+    *_, summary, loaded = done.stdout.splitlines()
     assert "verdict good" in summary and loaded == "[]"
-
-
-def test_nothing_is_compiled_after_its_warmup():
-    assert run(SEARCH) == "True True []"
 
 
 def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
@@ -98,7 +57,7 @@ def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
 
 
 def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
-    """On standard error. That the pieces leave nothing to compile, and that it lies on the disk, is shown above."""
+    """On standard error. `benchmarks/checks/test_compiled.py` asks that the pieces leave nothing to compile."""
     names, compiled = [name for name, _ in all_pieces()], []
     monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])
     ended = exit_code("warm")

@@ -7,14 +7,11 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-import pytest
 import yaml
-from running import exit_code
 
 import fdcal
-from fdcal.model.libraries import LIBRARY, missing_library
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 NAME = re.compile(r"[A-Za-z0-9_.-]+")
@@ -60,9 +57,6 @@ def test_every_library_that_is_imported_is_named():
     assert imports("benchmarks") <= needed | distributions(EXTRAS["benchmarks"])
 
 
-# -- private names -----------------------------------------------------------------------------------------------------
-
-
 # -- where it is tested ------------------------------------------------------------------------------------------------
 
 
@@ -76,21 +70,6 @@ def test_the_workflow_runs_what_ci_runs_on_every_python():
     assert job["strategy"]["matrix"]["python"] == pythons
     assert PROJECT["requires-python"] == f">={pythons[0]}"
     assert "-m benchmarks.smoke" in script and ".ci/lowest.py" in script
-
-
-# -- what an installation without extras lacks -------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("module", "extra"),
-    [("viser", "page"), ("matplotlib.figure", "pictures"), ("PIL", "pictures"), ("vtkmodules", "pictures"),
-     ("h5py", "formats"), ("netCDF4", "formats"), ("pandas", "pandas")],
-)  # fmt: skip
-def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
-    library = module.partition(".")[0]
-    missing = missing_library(ModuleNotFoundError(f"No module named {module!r}", name=module))
-    assert missing is not None and f"pip install 'fdcal[{extra}]'" in missing.remedy
-    assert LIBRARY.get(library, library) in missing.problem
 
 
 # -- a release ---------------------------------------------------------------------------------------------------------
@@ -113,8 +92,3 @@ def test_the_version_is_the_same_everywhere():
     assert fdcal.__version__ == metadata.version("fdcal")
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (.+)", changes, re.MULTILINE)[0] == f"[{version}] - {citation['date-released']}"
-
-
-def test_the_version_is_printed(capsys):
-    exit_code("--version")
-    assert capsys.readouterr().out == f"fdcal {metadata.version('fdcal')}\n"
