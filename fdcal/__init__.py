@@ -42,17 +42,17 @@ PUBLIC = {
 # Methods of public classes that packages above their own carry out: they are bound here, and loaded when first used.
 METHODS = {
     "assessment.calibration:Calibration": {
-        "_repr_html_": "graphics.reports:calibration_html",
+        "_repr_html_": "graphics.figures:calibration_html",
         "export": "recordings.export:export",
         "from_json": "assessment.result_file:read_result",
         "load": "assessment.result_file:load_result",
-        "plot": "graphics.reports:draw_calibration",
+        "plot": "graphics.figures:draw_calibration",
         "save": "assessment.result_file:save_result",
-        "show": "graphics.reports:show_calibration",
+        "show": "graphics.figures:show_calibration",
         "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
     },
-    "cost.maps:LandscapePanels": {"plot": "graphics.landscape:draw_landscape"},
+    "cost.maps:LandscapePanels": {"plot": "graphics.figures:draw_landscape"},
 }
 STATIC = {"from_json", "load"}  # of these: without an instance
 RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # by functions whose modules do not import their class

@@ -19,8 +19,7 @@ import pandas
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from fdcal.graphics.landscape import figure_bytes
-from fdcal.graphics.reports import html_table
+from fdcal.graphics.figures import figure_bytes, html_table
 from fdcal.model.storage import parse_toml, read_bytes, write_atomically
 from fdcal.model.validation import InputError, StorageError
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fdcal.cost.maps import landscape_panels
-from fdcal.graphics.landscape import draw_landscape
+from fdcal.graphics.figures import draw_landscape
 from fdcal.model.storage import write_atomically
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.sources import CalibrationInput

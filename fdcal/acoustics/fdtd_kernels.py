@@ -106,4 +106,4 @@ def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> Non
             for _ in parallel_map(
                 lambda part, start=start, n=n: sweep(flat, start, n, *part, *tables), parts, worth=len(parts) > 1
             ):
-                pass  # each is waited for
+                pass  # waits for each part

@@ -21,7 +21,7 @@ from ..graphics.lesson_panels import lesson_panel
 from ..graphics.marks import MARKS
 from ..graphics.overlays import ellipse_scale
 from ..graphics.picture import focus_of
-from ..graphics.replay import GalleryEntry, index_html, page_html, picture_of, replay_html, run_data
+from ..graphics.replay import index_html, page_html, picture_of, replay_html, run_data
 from ..model.address import SOLVER, parse_address
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -97,42 +97,35 @@ Progress = Callable[..., None]
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
-    entries, count = [], len(LESSONS) + len(SHOWS)
+    entries, count = list[tuple[str, ...]](), len(LESSONS) + len(SHOWS)
     files = [f"lesson-{number}.html" for number, _ in enumerate(LESSONS, 1)]
     for i, (name, text) in enumerate(LESSONS.items()):
         progress(i / count, name)
         lesson = load_lesson(name)
         page, picture = lesson_html(lesson, files[i + 1] if i + 1 < len(files) else "")
         figures = f"lesson, {len(lesson.steps)} steps, {len(page) / 1e6:.2f} MB"
-        entries.append(GalleryEntry(files[i], f"Lesson {lesson.title}", text, figures, picture))
+        entries.append((files[i], f"Lesson {lesson.title}", text, figures, picture))
         yield files[i], page
     for i, show in enumerate(SHOWS, len(LESSONS)):
         progress(i / count, show.scene)
-        text, entry = _run(show)
-        entries.append(entry)
-        yield f"{show.name}.html", text
-    yield (
-        "index.html",
-        index_html(TITLE, INTRODUCTION, entries, f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"),
-    )
+        inputs = with_settings(scene_of(show.scene), show.solver, None, None)
+        states, problem, measurement = recorded(states_of(inputs)), problem_of(inputs), inputs.measurement
+        sought = counted_microphones(inputs, states[-1])
+        page = replay_html(
+            inputs.scene, measurement, states, show.title, reference_cost_of(problem), sought, problem=problem,
+            microphone=show.microphone, max_bytes=MAX_BYTES, opens_at=show.address,
+        )  # fmt: skip
+        chosen = parse_address(show.address).get("modes")
+        modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
+        picture = picture_of(measurement, problem, states[-1], show.microphone, modes, sought)
+        errors = measurement.errors(states[-1].positions)
+        away = state_error_words(measurement, None if errors is None else errors[sought])
+        figures = f"{show.solver}, {away}, {len(page) / 1e6:.2f} MB"
+        entries.append((f"{show.name}.html#{show.address}", show.title, show.text, figures, picture))
+        yield f"{show.name}.html", page
+    opening = f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"
+    yield "index.html", index_html(TITLE, INTRODUCTION, entries, opening)
     progress(1.0, "written")
-
-
-def _run(show: Show) -> tuple[str, GalleryEntry]:
-    inputs = with_settings(scene_of(show.scene), show.solver, None, None)
-    states, problem = recorded(states_of(inputs)), problem_of(inputs)
-    sought = counted_microphones(inputs, states[-1])
-    text = replay_html(
-        inputs.scene, inputs.measurement, states, show.title, reference_cost_of(problem), sought, problem=problem,
-        microphone=show.microphone, max_bytes=MAX_BYTES, opens_at=show.address,
-    )  # fmt: skip
-    chosen = parse_address(show.address).get("modes")
-    modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
-    picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes, sought)
-    errors = inputs.measurement.errors(states[-1].positions)
-    away = state_error_words(inputs.measurement, None if errors is None else errors[sought])
-    figures = f"{show.solver}, {away}, {len(text) / 1e6:.2f} MB"
-    return text, GalleryEntry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
 
 
 CAMERAS = {"top": "top", "3d": "3d", "close": "3d"}

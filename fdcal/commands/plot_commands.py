@@ -61,7 +61,7 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
 
         content = landscape_vti(panels).encode()
     else:
-        from ..graphics.landscape import draw_landscape, figure_bytes
+        from ..graphics.figures import draw_landscape, figure_bytes
 
         truth = None if measurement.positions is None else measurement.positions[n]
         content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])

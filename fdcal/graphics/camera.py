@@ -46,7 +46,7 @@ def camera_for(
         centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(z_range) / 2])
         scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres per pixel
         centre[:2] += scale / 2 * np.array([right - left, top - bottom])
-        # A hair south of straight down: turning the view from here keeps z upright.
+        # Slightly south of straight down, so that z stays upright when the view is turned.
         return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
     fov = math.radians(FOV_3D) if fov is None else fov

@@ -1,7 +1,7 @@
 """Maps on the floor: costs over the search lattice as colours and heights, with their scale, and standing waves.
 
-A map in relief has its shading in its colours, no renderer adds light: it comes from the upper left, as on a geographic
-map. Lengths are metres.
+The colours of a map in relief contain its shading, and renderers add no light. The light comes from the upper left, as
+on a geographic map. Lengths are metres.
 """
 
 from __future__ import annotations

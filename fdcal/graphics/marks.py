@@ -1,8 +1,8 @@
 """The marks of a picture: one table of shape, colour, size and word, which every renderer reads.
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
-orange diamond, faulty channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
-eyes, too. A white halo around each keeps it legible on the map and on any background.
+orange diamond, faulty channels violet circles with a bar. Marks differ in shape, and their colours also differ for
+colour-blind readers. A white halo around each keeps it legible on the map and on any background.
 
 In a scene marks are flat meshes, whose size is in the room, not on the screen; in a legend they are symbols, as SVG or
 as an image; matplotlib has a marker for each; the pages of replays and the film get the table as JSON. Lengths are

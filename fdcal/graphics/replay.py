@@ -20,7 +20,7 @@ import json
 import re
 import zlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -272,24 +272,16 @@ THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the in
 MARK_EDGE = 6  # pixels of it, of a symbol
 
 
-@dataclass(frozen=True)
-class GalleryEntry:
-    """One entry of the index."""
+def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]], opening: str) -> str:
+    """Return the index page of a gallery.
 
-    file: str  # of the page, with what it shows after #
-    # title, text: description of the page
-    title: str
-    text: str
-    figures: str  # one line: solver, mean error, size
-    picture: str  # HTML of its picture
-
-
-def index_html(title: str, introduction: str, entries: Sequence[GalleryEntry], opening: str) -> str:
-    """Return the index page of a gallery; `opening`: the page beside it that plays above the entries."""
+    `entries`: of each page its file and what it shows after #, title, description, figures in one line (solver, mean
+    error, size), and the HTML of its picture; `opening`: the page beside it that plays above the entries.
+    """
     cards = "\n".join(
-        f'<a href="{escape(entry.file)}">{entry.picture}<h2>{escape(entry.title)}</h2><p>{escape(entry.text)}</p>'
-        f"<p class='figures'>{escape(entry.figures)}</p></a>"
-        for entry in entries
+        f'<a href="{escape(file)}">{picture}<h2>{escape(name)}</h2><p>{escape(text)}</p>'
+        f"<p class='figures'>{escape(figures)}</p></a>"
+        for file, name, text, figures, picture in entries
     )
     middle, scale = EDGE / 2, MARK_EDGE / EDGE
     marks = "".join(

@@ -1,7 +1,7 @@
 """A picture drawn off-screen by pyvista, to a PNG file or bytes.
 
-A child process draws: a crash of the GL library stays away from the caller, and
-VTK out of its memory. Its main thread is the only one to use GL.
+A child process draws, so that a crash of the GL library does not end the caller and VTK does not use its memory. Only
+the main thread of the child uses GL.
 """
 
 import io

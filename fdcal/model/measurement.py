@@ -247,20 +247,13 @@ class Measurement:
         """
         require_choice("time_convention", time_convention, ("exp(+jwt)", "exp(-jwt)"))
         pressures = np.asarray(pressures)
-        labels = [str(n) for n in range(pressures.shape[-1] if pressures.ndim else 0)] if names is None else list(names)
-        known = () if known is None else known
-        numbers = [microphone_index(str(one), labels, "known") for one in known]
-        places = [np.asarray(place, float).tolist() for place in known.values()] if isinstance(known, Mapping) else None
-        columns = np.shape(positions if positions is not None else places or ())[1:]
-        given = {
-            "array_dimension": columns[0] if columns else None,
-            "names": None if names is None else labels,
-            "positions": positions,
-            "known": numbers,
-            "known_positions": places,
-        }
+        places = list(known.values()) if isinstance(known, Mapping) else ()
+        columns = np.shape(places if positions is None else positions)[1:]
+        given = {"array_dimension": columns[0] if columns else None, "positions": positions}
+        given["names"] = None if names is None else list(names)
         pressures = pressures.conj() if time_convention == "exp(-jwt)" else pressures
-        return cls(frequencies, pressures, sound_speed, dimension, **given | others)
+        made = cls(frequencies, pressures, sound_speed, dimension, **given | others)
+        return made if known is None or not len(known) else with_known(made, known)
 
     @classmethod
     def from_takes(cls, measurements: Sequence[Measurement]) -> Measurement:

@@ -198,7 +198,7 @@ def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     """
     with zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
-    # A member has at most the size stated in the directory; members that are not compressed have at most the file's.
+    # A compressed member unpacks to at most the size stated in the directory; a stored one is part of the file.
     stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
     packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
     if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):

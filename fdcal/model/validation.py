@@ -57,7 +57,7 @@ class Limits:
     # weakest, strongest: pressures whose squares can be summed without leaving the range of float64, any unit
     weakest: float = 1e-100
     strongest: float = 1e100
-    digits: int = 10**30  # whole numbers of more digits than this one are not shown
+    digits: int = 10**30  # whole numbers from this one on are not shown
     text: int = 1_000_000  # bytes of a file of text, as a scene
     result: int = 50_000_000  # bytes of a result file
     unfolded: int = 400_000_000  # bytes of a compressed file after decompression

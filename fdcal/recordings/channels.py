@@ -275,14 +275,13 @@ def select_subset(recording: Recording, text: str) -> Recording:
     return select_channels(recording, numbers)
 
 
-def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
-    """Return the recording without the channels named in a list; the name "bad" means all of `bad`, indices (n,)."""
-    names = [part.strip() for part in text.split(",")]
-    excluded = [_index_of(recording, name, "leave_out") for name in names if name != "bad"]
-    left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad] if "bad" in names else excluded)
+def exclude_channels(recording: Recording, names: Sequence[str], bad: Sequence[int] | np.ndarray = ()) -> Recording:
+    """Return the recording without the channels of these names and the `bad` ones, indices (n,)."""
+    excluded = [_index_of(recording, name, "leave_out") for name in names]
+    left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad])
     if not len(left):
         why = ": each is silent, clipped or a copy" if len(bad) == recording.count else ""
-        raise InputError(f"leave_out = {text} leaves no channel{why}", "record again", key="leave_out", value=text)
+        raise InputError(f"leave_out leaves no channel{why}", "record again", key="leave_out", value=list(names))
     return select_channels(recording, left)
 
 

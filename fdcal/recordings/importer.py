@@ -250,7 +250,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
         if options.subset is not None:
             one = select.select_subset(one, options.subset)
         if listed:  # before any sample is read, since samples of these channels may not be numbers
-            one = select.exclude_channels(one, ",".join(listed), np.zeros(0, int))
+            one = select.exclude_channels(one, listed)
         chosen.append(one)
     health = [select.inspect_channels(one) for one in chosen]
     if "bad" not in parts:
@@ -263,7 +263,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     for one, state in zip(chosen, health, strict=True):
         left_out |= {one.names[n]: state.fault(n, one.names) for n in state.bad}
     bad = np.unique(np.concatenate([state.bad for state in health]))
-    return [select.exclude_channels(one, "bad", bad) for one in chosen], left_out
+    return [select.exclude_channels(one, (), bad) for one in chosen], left_out
 
 
 def _in_plane(

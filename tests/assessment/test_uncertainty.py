@@ -24,7 +24,7 @@ from fdcal.assessment.uncertainty import (
     scale_sigma_of,
     search_spread_of,
 )
-from fdcal.graphics.reports import enlarged_ellipses
+from fdcal.graphics.figures import enlarged_ellipses
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings

@@ -16,8 +16,8 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
 from fdcal.graphics import exports
+from fdcal.graphics.figures import draw_landscape, figure_bytes
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, WAVE_POINTS, cost_floor, relief_grid, wave_floor
-from fdcal.graphics.landscape import draw_landscape, figure_bytes
 from fdcal.graphics.marks import drape
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.gauge import position_errors

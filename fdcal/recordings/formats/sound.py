@@ -120,7 +120,7 @@ def _name(path: Path) -> Any:
 
 def _read_sound(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording of a sound file, read in pieces; raise InputError for a file that is damaged."""
-    with open(path, "rb") as file:  # libsndfile knows no BW64, which is RF64 by another name
+    with open(path, "rb") as file:  # libsndfile does not know BW64, which is RF64 under another name
         changes = {0: b"RF64"} if file.read(4) == b"BW64" else {}
     try:
         opened, fault, mended = _opened(path, changes), None, {}

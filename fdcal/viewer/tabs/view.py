@@ -17,7 +17,7 @@ import viser
 from ...assessment.result_file import position_table
 from ...assessment.words import error_line, modes_words
 from ...cost.maps import panels_of
-from ...graphics.landscape import landscape_bytes
+from ...graphics.figures import landscape_bytes
 from ...graphics.replay import replay_html
 from ...graphics.snapshot import render_png
 from ...model.libraries import call
