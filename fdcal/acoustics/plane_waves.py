@@ -93,7 +93,10 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     columns = (require_array(f"{path}: {key}", np.ravel(table[key]), "real", (lengths[key],)) for key in KEYS)
     pressure, azimuth, elevation, rate = columns
     convert(rate[0], Annotated[float, within(100.0, 1e6, "Hz")], f"{path}: fs")
-    start = direct_sound(pressure, str(path))
+    level = np.abs(pressure)
+    if not level.max() > 0:
+        raise InputError(f"{path}: the response is silent", "measure it again", key="p")
+    start = int(np.argmax(level >= DIRECT_SOUND * level.max()))
     # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
     # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
     segments = min(SEGMENTS, len(pressure) - start)
@@ -106,14 +109,6 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
     times = np.arange(len(pressure)) / float(rate[0])
     return SdmResponse(pressure[start:], directions[start:], times[start:], float(rate[0]))
-
-
-def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
-    """Return the first sample (T,) whose magnitude reaches a tenth of the peak; InputError for silence."""
-    level = np.abs(pressure)
-    if not level.max() > 0:
-        raise InputError(f"{path}: the response is silent", "measure it again", key="p")
-    return int(np.argmax(level >= DIRECT_SOUND * level.max()))
 
 
 TAPS = 8  # samples of the interpolation of one wave

@@ -14,7 +14,7 @@ import sys
 import time
 import traceback
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
@@ -34,14 +34,6 @@ REPORT = "this is a fault of fdcal; please report it with the command, its input
 LONGEST = 600  # characters of an error message
 ENTRY_POINTS = "fdcal.commands"
 ELSEWHERE = {"study": "fdcal_bench"}  # commands of other distributions: their folders in a checkout
-
-
-def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
-    """Return the arguments without `--debug`, anywhere before `--`, and whether it was given."""
-    args = list(args)
-    stop = args.index("--") if "--" in args else len(args)
-    head = [argument for argument in args[:stop] if argument != "--debug"]
-    return head + args[stop:], len(head) < stop
 
 
 def printable(text: str) -> str:
@@ -82,7 +74,10 @@ def _described(error: BaseException) -> tuple[str, int]:
 
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code; an error is one line on standard error, --debug adds the traceback."""
-    given, debug = without_debug(sys.argv[1:] if args is None else args)
+    given = list(sys.argv[1:] if args is None else args)
+    stop = given.index("--") if "--" in given else len(given)
+    debug = "--debug" in given[:stop]  # at any place before --
+    given = [argument for argument in given[:stop] if argument != "--debug"] + given[stop:]
     output: Any = PrintableOutput(sys.stdout)
     try:
         with contextlib.redirect_stdout(output), ended_as_interrupted(), one_blas_thread_for_command():
@@ -257,8 +252,11 @@ def calibrate(
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
+        from ..session.doctor import list_fit  # loads the readers of recordings
+
         with opt.progress_bar("comparing") as progress:
-            fit = report.fit_of_rows(inputs, result, compared, progress)
+            fits = result.room is None and compared.fits  # otherwise no single row is judged
+            fit = list_fit(inputs, result, compared, progress) if fits else None
         print(report.comparison_text(inputs, result, compared, fit))
         if not compared.agrees or (fit is not None and fit.wrong):
             return 5

@@ -21,7 +21,6 @@ from .options import OPTIONS
 if TYPE_CHECKING:
     from ..assessment.position_check import ListFit, PositionCheck
     from ..recordings.recording import ImportOptions
-    from ..session.sources import ProgressReport
 
 # Heads of the lines of a summary, in their order.
 HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict", "room",
@@ -82,15 +81,6 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
             f"the size of the array found is not to be trusted ({result.verdict}): it is compared in that of the list"
         )
     return "\n".join(lines)
-
-
-def fit_of_rows(
-    inputs: CalibrationInput, result: Calibration, check: PositionCheck, progress: ProgressReport
-) -> ListFit | None:
-    """Return how the rows of a list fit; None if the list as a whole does not fit, or in a known room."""
-    from ..session.doctor import list_fit
-
-    return list_fit(inputs, result, check, progress) if result.room is None and check.fits else None
 
 
 def _frame(inputs: CalibrationInput) -> Sequence[int]:

@@ -12,7 +12,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from .camera import Camera, lifted, project
+from .camera import Camera, project
 from .marks import MARKS, Mark, symbol
 from .primitives import ColourBar, Label, Picture, by_rank
 
@@ -114,7 +114,7 @@ def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Lab
     """Return the texts of a scene and their pixels, without those that overlap one of higher priority."""
     labels, taken, seen = by_rank(picture.labels), [], []
     points = np.array([label.position for label in labels]).reshape(-1, 3)
-    places = project(camera, draw.im.size, lifted(camera, points, [label.lift for label in labels])).tolist()
+    places = project(camera, draw.im.size, points, [label.lift for label in labels]).tolist()
     heights = [y for label, (_, y) in zip(labels, places, strict=True) if label.name.startswith("frame/z")]
     upright = bool(heights) and max(heights) - min(heights) > 4 * letters.size
     for label, (x, y) in zip(labels, places, strict=True):

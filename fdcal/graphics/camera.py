@@ -1,6 +1,7 @@
 """The camera of a picture, and the pixel at which a point of the picture appears."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import get_args
 
@@ -95,16 +96,14 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
     return Camera((x, y, z), look_at, (0.0, 0.0, 1.0), fov, height)
 
 
-def lifted(camera: Camera, points, heights) -> np.ndarray:
-    """Return points (P, 3) moved up in the image by heights (P,), metres."""
-    return np.asarray(points, float) + np.asarray(heights, float)[:, None] * _axes(camera)[1]
+def project(camera: Camera, size: tuple[int, int], points, lifts: Sequence[float] | float = 0.0) -> np.ndarray:
+    """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear.
 
-
-def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
-    """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear."""
+    `lifts`: by how much each point is moved up in the image, metres.
+    """
     width, height = size
     offset = np.atleast_2d(np.asarray(points, float)) - camera.position
     across, upward, depth = (offset @ axis for axis in _axes(camera))
     visible = camera.height if not camera.fov else 2 * depth * math.tan(camera.fov / 2)  # metres in the image's height
     pixels = height / visible
-    return np.stack([width / 2 + across * pixels, height / 2 - upward * pixels], axis=1)
+    return np.stack([width / 2 + across * pixels, height / 2 - (upward + lifts) * pixels], axis=1)

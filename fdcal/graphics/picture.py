@@ -325,8 +325,3 @@ ERROR_PIECES = 40  # of an error line on a relief; a straight line would go thro
 def row_word(measurement: Measurement) -> str:
     """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
     return "row" if measurement.take_count > 1 else "mode"
-
-
-def cost_title(measurement: Measurement) -> str:
-    """Return the title of a plot of the cost, with its unit."""
-    return f"Cost (Eq. 7, all {row_word(measurement)}s; dB re the power)"

@@ -465,9 +465,11 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys)
     class Compared:
         agrees = False
 
-    monkeypatch.setattr("fdcal.session.calibration_run.solve", lambda *_: SimpleNamespace(verdict="not_converged"))
+    monkeypatch.setattr(
+        "fdcal.session.calibration_run.solve", lambda *_: SimpleNamespace(verdict="not_converged", room=(1, 1))
+    )
     monkeypatch.setattr(report, "comparison", lambda *_: Compared)
-    for name in ("summary", "comparison_text", "fit_of_rows"):
+    for name in ("summary", "comparison_text"):
         monkeypatch.setattr(report, name, lambda *_: None)
     assert exit_code("calibrate", "tiny", "--check") == 5
     Compared.agrees = True

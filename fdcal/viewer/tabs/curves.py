@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from viser import uplot
 
-from ...graphics.picture import cost_title
+from ...graphics.picture import row_word
 from ...model.validation import evenly_spaced
 from ..binding import Binding, Tab
 from ..plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
@@ -46,7 +46,8 @@ class CurvesTab(Tab):
             aligned = ", aligned" if measurement.blind else ""
             title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
             self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
-        self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
+        title = f"Cost (Eq. 7, all {row_word(measurement)}s; dB re the power)"
+        self.cost = Plot(gui, title, _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
         gui.add_html(REMARK)
         self.plots = tuple(filter(None, (self.error, self.cost)))
 
