@@ -235,13 +235,13 @@ SOURCES = ((5.47, 4.53), (0.61, 4.38), (0.52, 0.83), (5.23, 0.47))  # m, in a ri
 
 
 def takes_of(count: int, snr_db: float = 15.0) -> Measurement:
-    """Takes of 20 microphones in a plane field with noise, with arrivals that are right to 1 mm."""
+    """Takes of 16 microphones in a plane field with noise, with arrivals that are right to 1 mm."""
     rng = np.random.default_rng(6)
-    x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(20, 2))
+    x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(16, 2))
     each = []
     for seed, source in enumerate(SOURCES[:count]):
         one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=12)
-        times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=20)) / 343.0
+        times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=16)) / 343.0
         each.append(replace(one, search=None, arrivals=times[None], arrival_sigma=1e-3 / 343.0))
     return Measurement.from_takes(each)
 

@@ -3,10 +3,12 @@
 import logging
 import re
 
+import numpy as np
 import pytest
 from browsing import COARSE, begin_anew, choose, opened_page, press, serving_here, slider, tab, until
 
 from fdcal.model.scene import load_scene
+from fdcal.viewer import cost_maps
 from fdcal.viewer.server import hardening
 
 
@@ -131,8 +133,9 @@ BOX = """name => {
 
 
 @pytest.fixture
-def ball(browser):
+def ball(browser, monkeypatch):
     """A page of `ball3d`, which is chosen in Explore, in the tab Map; its server has no other client."""
+    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine volumes
     with serving_here(load_scene("tiny")) as url:
         page = opened_page(browser, url, COARSE.partition("#")[0])
         page.get_by_role("button", name="Choose a scene").click()
