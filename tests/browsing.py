@@ -191,19 +191,3 @@ MIDDLE = """name => {
 def middle(page, name):
     """Middle, in x and y, of all that viser draws under a name."""
     return page.evaluate(MIDDLE, name)
-
-
-def stands(page, name, place, slack):
-    """Wait until the middle of what is drawn under a name stands at a place."""
-    at = f"const at = ({MIDDLE})('{name}'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < {slack}"
-    page.wait_for_function(
-        f"p => {{ if (!window.__viserMutable.nodeRefFromName['{name}']) return false; {at} }}", arg=place
-    )
-
-
-def pick(page, scene, place, text):
-    """Click at a place; the page says `text`."""
-    pixel = on_screen(page, scene, [[*place, 0.0]])[0]
-    hover(page, pixel)
-    page.mouse.click(*pixel)
-    page.get_by_text(text).first.wait_for()

@@ -40,10 +40,6 @@ def at(measurement: Measurement, positions=TRUTH, modes: int | None = None) -> E
     return estimated_at(measurement, positions, modes)
 
 
-def without_noise_given(measurement: Measurement, noise_given: bool) -> Measurement:
-    return measurement if noise_given else replace(measurement, noise_power=None)
-
-
 @pytest.fixture(scope="module")
 def healthy() -> Measurement:
     return measured(array(), np.array(KNOWN), snr_db=40.0, modes=MODES)
@@ -456,7 +452,7 @@ def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, no
         "phase": -p[:, 17],
         "garbage": np.abs(p).mean(axis=1) * (noise[0] + 1j * noise[1]),
     }[kind]
-    altered = without_noise_given(replace(measurement, pressures=p), noise_given)
+    altered = replace(measurement, pressures=p, **({} if noise_given else {"noise_power": None}))
     ends = [at(altered), *([solving.solved(altered, "joint").estimate] if noise_given else [])]
     for found in map(assess, ends):
         assert [fault.name for fault in found.channels.faults] == ["17"] and found.verdict == "good", found.message

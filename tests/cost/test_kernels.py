@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured
+from scipy.spatial.distance import pdist, squareform
 from scipy.special import jv, spherical_jn
 
 from fdcal.acoustics.dictionary import dictionary
@@ -19,10 +20,6 @@ ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
 def array(D=2, seed=0, count=9):
     """Positions (N, D), metres, away from the origin."""
     return np.random.default_rng(seed).uniform(-0.5, 0.5, (count, D)) + np.arange(2, 2 + D)
-
-
-def apart(x):
-    return np.linalg.norm(x[:, None] - x, axis=-1)
 
 
 def lopsided(x, dimension, seed=3):
@@ -41,7 +38,7 @@ def test_a_diffuse_field_has_the_covariance_of_bessel_functions_of_order_zero(di
     x = array(dimension)
     matrices, _ = kernels.diffuse_matrices(x, K, dimension, True)
     np.testing.assert_allclose(
-        matrices, kernels.diffuse_correlation(np.multiply.outer(K, apart(x)), dimension), atol=1e-13
+        matrices, kernels.diffuse_correlation(np.multiply.outer(K, squareform(pdist(x))), dimension), atol=1e-13
     )
 
 

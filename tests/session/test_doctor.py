@@ -74,17 +74,6 @@ def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(
     assert "is not to be trusted (scale_undetermined)" in report.comparison_text(inputs, small, undetermined, None)
 
 
-def test_a_room_that_is_warmer_than_assumed_is_called_warmer(tiny, tmp_path):
-    """The field has the sound speed of the simulation, and another one is assumed; the list is right."""
-    true_over_assumed = 1.05
-    assumed, wavenumbers = tiny.sound_speed / true_over_assumed, tiny.wavenumbers * true_over_assumed
-    save_measurement(dataclasses.replace(tiny, sound_speed=assumed, wavenumbers=wavenumbers), tmp_path / "room.npz")
-    state, text = answers(str(tmp_path / "room.npz"), table(tmp_path / "list.csv", tiny.positions))["list"]
-    kelvin = 293.15 * (true_over_assumed**2 - 1)
-    assert state == "fault" and text.endswith("warmer than assumed")
-    assert float(text.split()[-5]) == pytest.approx(abs(kelvin), abs=3)
-
-
 def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
     """It is found anywhere, here 3 m away, and says nothing of the list; an inverted one is named beside it."""
     solve = doctor.solve

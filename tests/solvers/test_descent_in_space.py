@@ -21,11 +21,6 @@ SEARCH = Search((1.0, 1.0, 1.0), (0.8, 0.8, 0.8), STEP, 0.6)
 SETTINGS = SolverSettings(name="descent", modes=12, first_modes=3, max_sweeps=5, ample_modes=3, order_offset=1)
 
 
-def truth_of(seed):
-    """Microphones on the points of the lattice, so that they can be found exactly."""
-    return np.array(SEARCH.origin) + STEP * np.random.default_rng(seed).integers(2, 19, (COUNT, 3))
-
-
 def problem_of(truth, known, dimension=3):
     """Fields of many plane waves, from 55 to 190 Hz."""
     k = np.linspace(1.0, 3.5, SETTINGS.modes)
@@ -35,7 +30,7 @@ def problem_of(truth, known, dimension=3):
     ).problem("unit")  # fmt: skip
 
 
-TRUTH = truth_of(1)
+TRUTH = np.array(SEARCH.origin) + STEP * np.random.default_rng(1).integers(2, 19, (COUNT, 3))  # on the lattice
 PROBLEM = problem_of(TRUTH, 26)
 
 

@@ -12,19 +12,6 @@ from solving import run_from
 from fdcal import solvers
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers.interface import RunState, Traits
-
-
-@pytest.mark.parametrize("name", solvers.names())
-def test_a_solver_has_the_functions_and_traits_of_the_protocol_and_frozen_run_states_of_its_name(name):
-    solver = solvers.load(name)
-    assert isinstance(solver.TRAITS, Traits)
-    for function in ("init", "step", "use_modes", "landscape", "result", "usable_modes"):
-        assert callable(getattr(solver, function))
-    State = solver.State
-    assert issubclass(State, RunState) and State.solver == name
-    assert State.__dataclass_params__.frozen
-    assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
 
 
 @pytest.mark.parametrize("name", ["descent", "joint", "robust"])

@@ -68,15 +68,10 @@ def test_one_known_microphone_chooses_among_the_symmetries(calibrate):
     assert np.linalg.norm(np.array(result["positions"]) - TRUTH, axis=1).max() < 0.01
 
 
-def noise(shape) -> np.ndarray:
-    parts = np.random.default_rng(5).standard_normal((2, *shape))
-    return parts[0] + 1j * parts[1]
-
-
 def disturbed(measured: Measurement) -> Measurement:
     """Microphone 3 also records something else."""
     pressures = measured.pressures.copy()
-    pressures[:, 3] += 0.2 * np.abs(pressures).mean() * noise(pressures.shape)[:, 3]
+    pressures[:, 3] += 0.2 * np.abs(pressures).mean() * np.random.default_rng(5).normal(size=(MODES, 2)) @ [1, 1j]
     return replace(measured, pressures=pressures)
 
 

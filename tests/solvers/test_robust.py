@@ -105,15 +105,10 @@ def test_few_microphones_in_space_keep_the_noise_that_there_is():
     assert 3e-7 < end.state.model.noise_fraction < 3e-6
 
 
-def at_another_speed(measurement, factor):
-    """`measurement` with a sound speed that is wrong by `factor`."""
-    k, c = measurement.wavenumbers / factor, measurement.sound_speed * factor
-    return replace(measurement, sound_speed=c, wavenumbers=k)
-
-
 @pytest.mark.parametrize(("factor", "sigma", "least"), [(1.006, 0.005, 0.0025), (1.0, 0.003, 0.003)])
 def test_given_positions_correct_an_uncertain_sound_speed_and_leave_one_that_is_right(factor, sigma, least):
-    measurement = at_another_speed(measured(), factor)
+    right = measured()
+    measurement = replace(right, sound_speed=right.sound_speed * factor, wavenumbers=right.wavenumbers / factor)
     exact, found = (solved(measurement, sound_speed_sigma=one).assessment for one in (None, sigma))
     assert abs(found.problem.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * least * 343
     errors = [rms(one.positions, measurement.positions, FREE) for one in (found, exact)]
@@ -129,16 +124,10 @@ def test_scaling_the_pressures_changes_nothing():
     np.testing.assert_allclose(first.positions, second.positions, atol=1e-6)
 
 
-def noiseless(change=lambda p: p):
-    """The array of `measured` without noise."""
-    quiet = measured()
-    k = quiet.wavenumbers
-    p = change(rigid_room(quiet.positions, SOURCE, k, SIZE))
-    return replace(quiet, pressures=p, noise_power=np.zeros(len(k)))
-
-
 def test_without_noise_one_restart_that_explains_all_is_enough():
-    measurement = noiseless()
+    quiet = measured()
+    p = rigid_room(quiet.positions, SOURCE, quiet.wavenumbers, SIZE)
+    measurement = replace(quiet, pressures=p, noise_power=np.zeros(MODES))
     end = solved(measurement)
     assert len(end.state.optima) == 1 and end.assessment.verdict == "good" and not end.faulty
     assert rms(end.assessment.positions, measurement.positions) < 1e-4

@@ -146,13 +146,9 @@ def opened_with(page_of, monkeypatch, scene, **choices):
     monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
     page, turn_until = page_of
     page.open(OpenRequest(scene, choices={"microphone": 9, "follow": False, "objective": False, **choices}))
-    turn_until(lambda: page.viewer is not None and drawn_map(page.viewer.snapshot.picture))
+    drawn = lambda: page.viewer is not None and page.viewer.snapshot.picture  # noqa: E731
+    turn_until(lambda: (picture := drawn()) and (picture.floor is not None or picture.surfaces))
     return page, turn_until
-
-
-def drawn_map(picture):
-    """Whether there is a map on the floor or in space."""
-    return picture.floor is not None or picture.surfaces
 
 
 def said(page):

@@ -178,11 +178,6 @@ def first(worker, wanted, fine):
     return wait_until(newest)
 
 
-def styled(request, **changes):
-    """The same request in another style."""
-    return dataclasses.replace(request, style=dataclasses.replace(request.style, **changes))
-
-
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, space):
     worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
     coarse = first(worker, space.map_request, False)

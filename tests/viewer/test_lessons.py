@@ -254,12 +254,8 @@ SMALL = "tiny"
 
 def controls_of(viewer):
     """What every control of the page says."""
-    return {name: values for name, tab in vars(viewer.tabs).items() if (values := control_values_of(tab))}
-
-
-def control_values_of(tab):
-    handles = vars(tab) if hasattr(tab, "__dict__") else {}
-    return {name: handle.value for name, handle in handles.items() if isinstance(handle, viser.GuiInputHandle)}
+    handles = [(name, *one) for name, tab in vars(viewer.tabs).items() for one in getattr(tab, "__dict__", {}).items()]
+    return {handle[:2]: handle[2].value for handle in handles if isinstance(handle[2], viser.GuiInputHandle)}
 
 
 def set_oddly(viewer):

@@ -14,7 +14,6 @@ from fdcal.cost.maps import cost_maps, eq7_maps, refined
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
-from fdcal.model.settings import Search
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs import sweep as sweeping
@@ -116,12 +115,6 @@ def test_the_legend_names_what_is_drawn(opened):
     turn_until(lambda: "pressure" not in legend(viewer))
 
 
-def ask(sweep):
-    """Have the maps of a sweep made: Play, and pause."""
-    set_by_client(sweep.play, True)
-    set_by_client(sweep.play, True)
-
-
 def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):
     monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
@@ -145,13 +138,10 @@ def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work
     assert map_modes(high, state, (6,), 2) == (6,), "what the user has chosen is not replaced"
 
 
-SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=0.01, radius=1.0)
-
-
 def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):
     """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
     viewer, turn_until = opened
-    turn_until(lambda: map_on_page(viewer) is not None)
+    turn_until(lambda: viewer.snapshot.picture.floor is not None)
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
     sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
@@ -168,29 +158,19 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
     sweep, slow = viewer.tabs.sweep, sweeping.cost_map
-    ask(sweep)
+    for _ in range(2):  # Play, and pause: the maps are made
+        set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.folder.visible)
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, DOWN)
     set_by_client(sweep.highest, 19)
-    turn_until(lambda: 2 <= computed(sweep) < 19)
+    turn_until(lambda: sweep.made is not None and 2 <= len(sweep.made.frames) < 19)
     made = sweep.made
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.busy)
     assert len(made.frames) < 19
     turn_until(lambda: "which all modes share" in sweep.text.content and not sweep._plot.folder.visible)
-
-
-def map_on_page(viewer):
-    """The map that the page shows now."""
-    return viewer.snapshot.picture.floor
-
-
-def computed(sweep):
-    """How many maps of the sweep that the page wants there are."""
-    made = sweep.made
-    return 0 if made is None else len(made.frames)
 
 
 def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):

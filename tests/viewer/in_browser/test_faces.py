@@ -75,11 +75,6 @@ def expert(opened):
     return opened
 
 
-def boxes_of(expert, names):
-    """Where tabs stand."""
-    return [expert.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
-
-
 @pytest.mark.parametrize("size", [LARGE, DESKTOP])
 def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(expert, size):
     scene = load_scene("tiny")
@@ -100,7 +95,7 @@ def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(exper
             value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
             assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
         for names, edge in ((RIGHT, size[0]), (LEFT, LEFT_WIDTH)):
-            boxes = boxes_of(expert, names)
+            boxes = [expert.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
             assert len({box["y"] for box in boxes}) == 1
             ends = [box["x"] + box["width"] for box in boxes]
             assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False)) and ends[-1] <= edge
