@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from browsing import ARGUMENTS
 from PIL import Image
+from running import exit_code
 from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model import libraries
@@ -130,6 +131,24 @@ def quick_import(monkeypatch):
     """Recordings give at most 160 rows and no short windows: a calibration takes a fraction of its time."""
     monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=160))
     monkeypatch.setattr(importer, "short_windows", lambda *_: None)
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Function that runs a command that must fail, and gives its one error line; in this process, which saves time."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments, code: int = 2) -> str:
+        before = sorted(tmp_path.iterdir())
+        ended, (out, errors) = exit_code(*arguments), capsys.readouterr()
+        assert (ended, out) == (code, ""), errors
+        *notes, line = errors.splitlines()
+        assert not notes or "--host" in arguments, "one line, but for who else could reach the page"
+        assert line.startswith("error: ") and not re.search("<[a-z_]+>", line), "each argument has its option's name"
+        assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
+        return line
+
+    return run
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import pytest
-from running import exit_code
 
 from fdcal.model.validation import InputError
 from fdcal.session import lesson as lessons
@@ -135,12 +134,10 @@ def test_a_step_sets_what_an_address_names(text, setting):
         assert replace(LessonSetting(frame=frame).unfolded(), frame=None) == setting
 
 
-def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):
+def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, refused):
     for name, code, words in (
         (written("answer = 2", "answer = 3"), 2, "steps[1].answer = 3"),
         ("many_minima", 2, 'did you mean "1_many_minima"'),
         ("none.toml", 3, "cannot read lesson"),
     ):
-        assert exit_code("view", "--lesson", str(name), "--no-browser") == code
-        error = capsys.readouterr().err
-        assert words in error and error.count("\n") == 1
+        assert words in refused("view", "--lesson", name, "--no-browser", code=code)
