@@ -195,17 +195,6 @@ def search_domain(
     return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
 
 
-def mode_numbers(modes: list[int] | None, measured: int) -> list[int]:
-    """Return mode numbers, from 1, ascending and without repetition; 1, 5 and 9 by default."""
-    if modes is None:
-        return [m for m in (1, 5, 9) if m <= measured]
-    for mode in modes:
-        if not 1 <= mode <= measured:
-            remedy = f"the measurement has 1 to {measured}"
-            raise InputError(f"--mode-numbers names mode {mode}", remedy, key="mode_numbers", value=mode)
-    return sorted(set(modes))
-
-
 def microphone_number(number: int, count: int) -> int:
     """Return the number of a microphone, counted from 0; InputError if there is none."""
     if not 0 <= number < count:

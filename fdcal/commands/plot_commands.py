@@ -48,7 +48,10 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
     n = microphone_number(microphone, measurement.count)
-    modes = opt.mode_numbers(mode_numbers, len(measurement.frequencies))
+    measured, remedy = len(measurement.frequencies), f"the measurement has 1 to {len(measurement.frequencies)}"
+    if wrong := [mode for mode in mode_numbers or () if not 1 <= mode <= measured]:
+        raise InputError(f"--mode-numbers names mode {wrong[0]}", remedy, key="mode_numbers", value=wrong[0])
+    modes = sorted(set(mode_numbers or [mode for mode in (1, 5, 9) if mode <= measured]))
     positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         write_volume(path, inputs, positions, n, force)

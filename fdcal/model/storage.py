@@ -64,6 +64,19 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
             temporary.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def damaged(problem: str, remedy: str = "") -> Iterator[None]:
+    """Turn an error of a library for a damaged file into an InputError, and one of the system into a StorageError."""
+    try:
+        yield
+    except (InputError, StorageError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.strerror:
+            raise StorageError(f"cannot read {error.filename or 'the file'}: {error.strerror}") from error
+        raise InputError(f"{problem}: {shown(str(error), 200)}", remedy) from error
+
+
 def cache_key(*parts: Any) -> str:
     """Return the hash of the values, JSON types, that determine a cached value."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()

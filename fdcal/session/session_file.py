@@ -23,8 +23,8 @@ from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
 from ..model.settings import SolverSettings
-from ..model.storage import parse_json, read_archive, require_regular
-from ..model.validation import LIMITS, InputError, StorageError, build, convert, frozen_array, shown, shown_literal
+from ..model.storage import damaged, parse_json, read_archive, require_regular
+from ..model.validation import LIMITS, InputError, build, convert, frozen_array, shown, shown_literal
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES
@@ -66,7 +66,7 @@ def write(opening: OpenRequest) -> bytes:
 
 def read(path: str | Path) -> OpenRequest:
     """Return the request that opens the session in a .zip file."""
-    try:
+    with damaged(f"{path} is not a .zip file that can be read"):
         require_regular(Path(path))
         with zipfile.ZipFile(path) as archive:
             if not {TABLE, ARRAYS} <= set(archive.namelist()):
@@ -76,12 +76,6 @@ def read(path: str | Path) -> OpenRequest:
                 problem = f"{path} would take {size / 1e6:.0f} MB of memory"
                 raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session")
             text, arrays = archive.read(TABLE), archive.read(ARRAYS)
-    except InputError:
-        raise
-    except OSError as error:
-        raise StorageError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
-    except Exception as error:  # zipfile, zlib and struct raise anything
-        raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
     try:
         return _opening(text, arrays)
     except InputError as error:
@@ -102,12 +96,8 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
     scene = build(MeasuredScene if table.get("measured") is True else Scene, table["scene"])
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # a session reads no other file
-    try:
+    with damaged(f"{ARRAYS} is damaged or holds more than plain arrays"):
         arrays = read_archive(io.BytesIO(packed), lambda key: key.startswith("states_"))
-    except InputError:
-        raise
-    except Exception as error:  # a damaged archive raises anything
-        raise InputError(f"{ARRAYS} is damaged or holds more than plain arrays ({type(error).__name__})") from None
     measurement = load_measurement(io.BytesIO(packed), called=ARRAYS)
     own = scene.room.dimension, scene.array.dimension
     if (measurement.dimension, measurement.array_dimension) != own:

@@ -7,8 +7,7 @@ returns a recording of up to `MAX_HELD` samples as a whole; of a longer one each
 import importlib
 import pkgutil
 import re
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 
 from ...model import libraries
 from ...model.measurement import MicrophonePositions
-from ...model.storage import require_regular
+from ...model.storage import damaged, require_regular
 from ...model.validation import InputError, StorageError, shown
 from ..recording import Recording, block_of
 
@@ -39,17 +38,6 @@ class Format:
     write: Callable[[Path, MicrophonePositions], None] | None = None  # writes positions to a file
     source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
     recognises: Callable[[Path], bool] = lambda path: False  # where the suffix does not identify the format
-
-
-@contextmanager
-def damaged(problem: str, remedy: str = "") -> Iterator[None]:
-    """Turn any error that a library raises for a damaged file into an InputError."""
-    try:
-        yield
-    except (InputError, StorageError):
-        raise
-    except Exception as error:
-        raise InputError(f"{problem}: {shown(str(error), 200)}", remedy) from error
 
 
 @cache

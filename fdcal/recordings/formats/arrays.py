@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 
 from ...model.libraries import needs
-from ...model.storage import load_archive, require_regular
-from ...model.validation import InputError, StorageError, require_array, require_choice, shown
+from ...model.storage import damaged, load_archive, require_regular
+from ...model.validation import InputError, require_array, require_choice, shown
 from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
-from . import Format, damaged, isolated, isolated_call, require_whole_file, wanted_source
+from . import Format, isolated, isolated_call, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 # Names in lower case, without other signs and without a unit.
@@ -264,16 +264,10 @@ def _positions(path: Path) -> np.ndarray:
 
 def _mapped(path: Path) -> np.ndarray:
     """Return an .npy file of real numbers, memory-mapped."""
-    try:
+    with damaged(f"{path} is damaged or truncated", "copy it again"):
         require_regular(path)
         with np.errstate(all="raise"):  # the shape in a damaged header may overflow
             values = np.load(path, mmap_mode="r", allow_pickle=False)
-    except InputError:
-        raise
-    except OSError as error:
-        raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
-    except Exception as error:  # a damaged header raises anything
-        raise InputError(f"{path} is damaged or truncated ({error})", "copy it again") from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
         raise InputError(f"{path} does not hold an array of real numbers", "copy it again")
     return values

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 
 from ...model.measurement import MicrophonePositions
-from ...model.storage import read_bytes, require_regular
+from ...model.storage import damaged, read_bytes, require_regular
 from ...model.validation import InputError, StorageError, require_point, shown
-from . import Format, damaged, isolated_call
+from . import Format, isolated_call
 from .sofa import placed_receivers
 
 MAX_BYTES = 10_000_000  # of a file of positions

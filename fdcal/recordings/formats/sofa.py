@@ -16,9 +16,10 @@ import numpy as np
 
 from ...model.libraries import needs
 from ...model.measurement import MicrophonePositions
+from ...model.storage import damaged
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, damaged, isolated, isolated_call, require_whole_file, wanted_source
+from . import Format, isolated, isolated_call, require_whole_file, wanted_source
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
