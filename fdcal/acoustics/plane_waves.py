@@ -18,7 +18,6 @@ azi_rad, ele_rad    (T,) direction of arrival of each sample, radians
 fs                  sampling rate, Hz
 """
 
-import io
 import itertools
 import math
 from dataclasses import dataclass
@@ -27,32 +26,14 @@ from typing import Annotated
 
 import numpy as np
 
-from ..model import libraries
+from ..model.libraries import isolated_call
 from ..model.problem import mode_power
 from ..model.settings import Sensing
-from ..model.storage import read_bytes
-from ..model.validation import LIMITS, InputError, convert, refusal, require_array, within
+from ..model.storage import matlab_arrays
+from ..model.validation import InputError, convert, refusal, require_array, within
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
-PROCESSOR_SECONDS, BYTES = 20, 2_000_000_000  # that reading a MATLAB file may take; BYTES of address space
-
-
-def read_arrays(data: bytes, names: tuple[str, ...]) -> dict[str, np.ndarray]:
-    """Return those of the variables `names` that the content of a MATLAB file has."""
-    from scipy.io import loadmat
-
-    try:
-        table = loadmat(io.BytesIO(data), variable_names=names)
-    except NotImplementedError as error:  # version 7.3 is HDF5
-        raise InputError("it is of version 7.3", "save it with save(..., '-v7')") from error
-    except Exception as error:  # a damaged file raises anything
-        raise InputError(f"it is damaged ({type(error).__name__})", "save it again") from error
-    return {name: np.asarray(table[name]) for name in names if name in table}
-
-
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
-
-
 DIRECT_SOUND = 0.1  # level at which the direct sound begins, as a fraction of the peak
 SEGMENTS = 20  # parts of equal length whose peaks are compared; the fewest samples
 END_PEAK = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
@@ -76,13 +57,7 @@ class SdmResponse:
 
 def load_sdm_response(path: str | Path) -> SdmResponse:
     """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
-    limits = {"processor_seconds": PROCESSOR_SECONDS, "memory": BYTES}
-    try:  # in a process of its own: a damaged file can crash SciPy's compiled reader
-        table = libraries.call(read_arrays, read_bytes(path, LIMITS.unfolded), KEYS, **limits)
-    except InputError as error:
-        raise error.within(path) from error
-    except libraries.ProcessError as error:
-        raise InputError(f"{path} is not a MATLAB file that can be read: {error}", "save it again") from error
+    table = isolated_call(path, matlab_arrays, path)  # a damaged file can crash SciPy's compiled reader
     for key in KEYS:
         if key not in table:
             raise InputError(f'{path} has no "{key}"', f"give {', '.join(KEYS[:-1])} (T,) and {KEYS[-1]}", key=key)

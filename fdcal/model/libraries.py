@@ -97,6 +97,22 @@ def call(
     return result
 
 
+PROCESSOR_SECONDS = 60  # for one call
+SECONDS = 600.0  # of wall-clock time for one call: a disk on a network may be slow
+BYTES = 4_000_000_000  # of address space of the process
+
+
+def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function in a process of its own and return its result; InputError that names `path` if it fails."""
+    try:
+        return call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
+    except LimitError as error:
+        remedy = "it is too large, or damaged: divide it into shorter files, or write it as .wav or .npz"
+        raise InputError(f"{path} cannot be read: {error}", remedy) from error
+    except ProcessError as error:
+        raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
+
+
 def main() -> None:
     """Call the function that is read from standard input, and write its result or its error to standard output."""
     output = os.fdopen(os.dup(1), "wb")

@@ -258,3 +258,18 @@ def require_regular(path: str | Path) -> None:
     kind = os.stat(path).st_mode
     if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
         raise InputError(f"{path} is not a regular file", "give a file")
+
+
+def matlab_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Return the arrays in a MATLAB file; a field of a structure is called "name.field"."""
+    from scipy.io import loadmat
+
+    def flat(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                yield from flat(f"{name}.{key}", inner)
+        elif not name.startswith(".__") and np.asarray(value).dtype.kind in "fiucUS":
+            yield name[1:], np.asarray(value)
+
+    with damaged(f"{path} is not a readable file of MATLAB", "save it again"), open(path, "rb") as file:
+        return dict(flat("", loadmat(file, simplify_cells=True)))

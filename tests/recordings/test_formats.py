@@ -21,6 +21,7 @@ from scipy.io import savemat
 from sofar.io import _write_sofa
 
 from fdcal.commands.cli import main
+from fdcal.model import libraries
 from fdcal.model.measurement import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
@@ -498,9 +499,9 @@ def test_a_long_recording_is_read_in_blocks(tmp_path, monkeypatch):
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch, apart):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]), prepend=os.pathsep)
     if function is signal.pause:
-        monkeypatch.setattr(formats, "SECONDS", 1.0)
+        monkeypatch.setattr(libraries, "SECONDS", 1.0)
     with pytest.raises(InputError) as caught:
-        formats.isolated_call("room.sofa", function)
+        libraries.isolated_call("room.sofa", function)
     assert str(caught.value).startswith("room.sofa") and "\n" not in str(caught.value)
     assert words in str(caught.value)
 

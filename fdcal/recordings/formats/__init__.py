@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...model import libraries
+from ...model.libraries import isolated_call, needs
 from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged, require_regular
 from ...model.validation import InputError, StorageError, shown
@@ -140,21 +140,7 @@ def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
     return suffix
 
 
-PROCESSOR_SECONDS = 60  # for one call
-SECONDS = 600.0  # of wall-clock time for one call: a disk on a network may be slow
-BYTES = 4_000_000_000  # of address space of the process
 MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
-
-
-def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a process of its own and return its result; InputError that names `path` if it fails."""
-    try:
-        return libraries.call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
-    except libraries.LimitError as error:
-        remedy = "it is too large, or damaged: divide it into shorter files, or write it as .wav or .npz"
-        raise InputError(f"{path} cannot be read: {error}", remedy) from error
-    except libraries.ProcessError as error:
-        raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
 
 
 def isolated(read: Read) -> Read:
@@ -180,7 +166,7 @@ def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
 
 def require_whole_file(path: Path) -> None:
     """Raise InputError for a damaged HDF5 file, or for one whose links or data are in another file."""
-    h5py = libraries.needs("h5py")
+    h5py = needs("h5py")
 
     links: list[tuple[bytes, int]] = []
     with damaged(f"{path} is not a readable HDF5 file"), h5py.File(path, "r") as file:

@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from ...model.libraries import needs
-from ...model.storage import damaged, load_archive, require_regular
+from ...model.libraries import isolated_call, needs
+from ...model.storage import damaged, load_archive, matlab_arrays, require_regular
 from ...model.validation import InputError, require_array, require_choice, shown
 from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
-from . import Format, isolated, isolated_call, require_whole_file, wanted_source
+from . import Format, isolated, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 # Names in lower case, without other signs and without a unit.
@@ -176,22 +176,7 @@ def _read_arrays(path: Path, source: int | None = None, rate: float | None = Non
     with open(path, "rb") as file:
         if file.read(19) == b"MATLAB 7.3 MAT-file":
             return isolated(_read_hdf5)(path, source, rate)
-    return _in_memory(path, isolated_call(path, _of_matlab, path), rate)
-
-
-def _of_matlab(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays in a MATLAB file; a field of a structure is called "name.field"."""
-    from scipy.io import loadmat
-
-    def flat(name: str, value: Any) -> Iterator[tuple[str, np.ndarray]]:
-        if isinstance(value, dict):
-            for key, inner in value.items():
-                yield from flat(f"{name}.{key}", inner)
-        elif not name.startswith(".__") and np.asarray(value).dtype.kind in "fiuUS":
-            yield name[1:], np.asarray(value)
-
-    with damaged(f"{path} is not a readable file of MATLAB", "save it again"):
-        return dict(flat("", loadmat(path, simplify_cells=True)))
+    return _in_memory(path, isolated_call(path, matlab_arrays, path), rate)
 
 
 def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:

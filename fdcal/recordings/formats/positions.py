@@ -24,10 +24,11 @@ from typing import Any
 
 import numpy as np
 
+from ...model.libraries import isolated_call
 from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged, read_bytes, require_regular
 from ...model.validation import InputError, StorageError, require_point, shown
-from . import Format, isolated_call
+from . import Format
 from .sofa import placed_receivers
 
 MAX_BYTES = 10_000_000  # of a file of positions

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.libraries import needs
+from ...model.libraries import isolated_call, needs
 from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, isolated, isolated_call, require_whole_file, wanted_source
+from . import Format, isolated, require_whole_file, wanted_source
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
