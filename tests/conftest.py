@@ -25,8 +25,10 @@ from PIL import Image
 from running import exit_code
 from xdist.scheduler import LoadFileScheduling
 
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model import libraries
 from fdcal.model.room import folder_of
+from fdcal.model.scene import load_scene
 from fdcal.recordings import frequencies, importer
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls
@@ -88,6 +90,17 @@ def called_here(function, *arguments, **limits):
 def apart(monkeypatch) -> None:
     """Files that may crash a library are read by a process of its own, as a user's are."""
     monkeypatch.setattr(libraries, "call", APART)
+
+
+@pytest.fixture(scope="session")
+def scene():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="session")
+def tiny(cache, scene):
+    """The measurement of `tiny`."""
+    return cached_measurement(scene)
 
 
 @pytest.fixture(scope="session")

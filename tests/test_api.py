@@ -19,11 +19,6 @@ def test_the_table_and_all_list_the_same_names():
 
 
 @pytest.fixture(scope="module")
-def tiny() -> fdcal.Measurement:
-    return fdcal.load("tiny")
-
-
-@pytest.fixture(scope="module")
 def found(tiny) -> fdcal.Calibration:
     return fdcal.calibrate(tiny, modes=12)
 

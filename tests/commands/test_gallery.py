@@ -10,7 +10,6 @@ from running import exit_code
 
 from fdcal import load, solvers
 from fdcal.commands import gallery_pages
-from fdcal.commands.cli import main
 from fdcal.model.measurement import load_measurement
 from fdcal.model.room import folder_of
 from fdcal.model.scene import load_scene
@@ -59,12 +58,11 @@ def site(tmp_path_factory):
     for old, new in SMALL_BALL:
         ball = ball.replace(old, new)
     (scenes / "ball.toml").write_text(ball, encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(SystemExit) as left:
+    with pytest.MonkeyPatch.context() as patch:
         shows = [show for show in gallery_pages.SHOWS if show.name not in ("array1", "array2")]
         patch.setattr(gallery_pages, "SHOWS", tuple(small(show, scenes) for show in shows))
         patch.setattr(gallery_pages, "LESSONS", {name: gallery_pages.LESSONS[name] for name in (LESSON, SCENES)})
-        main(["gallery", "-o", str(folder)])
-    assert not left.value.code
+        assert not exit_code("gallery", "-o", folder)
     return folder
 
 

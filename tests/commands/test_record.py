@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 import soundfile
-from recorded import FS, places, stationary_source
+from recorded import FS, places, stationary_source, write_places
 from running import exit_code
 
 from fdcal.recordings import take
@@ -33,9 +33,8 @@ def folder(tmp_path_factory):
     faulty[list(SWAPPED)] = one[list(SWAPPED[::-1])]
     for name, sound in (("one", one), ("two", two), ("faulty", faulty)):
         soundfile.write(path / f"{name}.wav", sound.T, FS, subtype="PCM_24")
-    rows = [f"{n},{','.join(f'{x:.4f}' for x in place)}" for n, place in enumerate(places(COUNT))]
     (path / "list.json").touch()
-    (path / "list.csv").write_text("\n".join(["name,x,y,z", *rows]))
+    write_places(path / "list.csv", places(COUNT))
     return path
 
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.result_file import position_table
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
 from fdcal.graphics import exports
@@ -22,15 +21,12 @@ from fdcal.graphics.marks import drape
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 
 
 @pytest.fixture(scope="module")
-def measured():
-    scene = load_scene("tiny")
-    measurement = cached_measurement(scene)
-    return measurement, measurement.problem()
+def measured(tiny):
+    return tiny, tiny.problem()
 
 
 def test_figure_says_what_it_shows(measured):

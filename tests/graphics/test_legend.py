@@ -18,7 +18,6 @@ from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import camera_of
 from fdcal.graphics.volume import volume_of
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.viewer.html import canvas_legend
 
@@ -32,11 +31,6 @@ SCENERY = (
     "selected/",
     "ball/",
 )  # labelled where they stand, or part of a mark
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
 
 
 @pytest.fixture(scope="module")

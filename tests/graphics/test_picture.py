@@ -26,11 +26,6 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
-
-
 def listen(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
     """Plane waves at the positions: a measurement that needs no simulation."""
     p, f = waves(np.asarray(positions), [1.0, 2.0, 3.0], 6), [50.0, 100.0, 150.0]

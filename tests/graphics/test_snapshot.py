@@ -22,11 +22,6 @@ VIEWS = ("top", "close")
 
 
 @pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
-
-
-@pytest.fixture(scope="module")
 def measurement(scene):
     """Twelve microphones on a coarse grid, so that no marker hides another."""
     x, y = np.meshgrid(np.linspace(0.52, 0.86, 4), np.linspace(0.38, 0.7, 3))

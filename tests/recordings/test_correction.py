@@ -6,10 +6,10 @@ import xml.etree.ElementTree as tree
 import numpy as np
 import pytest
 import soundfile
+from running import exit_code
 
 import fdcal
 from fdcal.assessment.calibration import ChannelFault, Channels
-from fdcal.commands.cli import main
 from fdcal.recordings import export as corrections
 from fdcal.recordings.recording import recording_of
 
@@ -80,9 +80,7 @@ def test_the_command_writes_floats_and_says_what_it_did(sound, result, tmp_path,
     plain = dataclasses.replace(result, names=tuple(map(str, range(N))), channels=numbered)
     plain.save(tmp_path / "result.json")
     soundfile.write(tmp_path / "in.wav", recorded(sound).T / np.abs(sound).max(), RATE, subtype="FLOAT")
-    with pytest.raises(SystemExit) as ended:
-        main(["correct", str(tmp_path / "in.wav"), str(tmp_path / "result.json"), "-o", str(tmp_path / "out.wav")])
-    assert ended.value.code == 0
+    assert exit_code("correct", tmp_path / "in.wav", tmp_path / "result.json", "-o", tmp_path / "out.wav") == 0
     printed = capsys.readouterr().out
     assert "turned  2" in printed and "0 from 5, 5 from 0" in printed and "3 by 0.31 ms" in printed
     found, rate = soundfile.read(tmp_path / "out.wav")

@@ -17,10 +17,10 @@ import pytest
 import sofar
 import soundfile
 from recorded import too_large
+from running import exit_code
 from scipy.io import savemat
 from sofar.io import _write_sofa
 
-from fdcal.commands.cli import main
 from fdcal.model import libraries
 from fdcal.model.measurement import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
@@ -585,9 +585,7 @@ def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
     Path(command[-1]).write_text("mine")
     Path("link" + Path(command[-1]).suffix).hardlink_to(command[-1])
     for output in (command[-1], "link" + Path(command[-1]).suffix):
-        with pytest.raises(SystemExit) as ended:
-            main([*command[:-1], output, "--force"])
-        assert ended.value.code == 2
+        assert exit_code(*command[:-1], output, "--force") == 2
         assert "is the input itself" in capsys.readouterr().err
     assert Path(command[-1]).read_text() == "mine"
 

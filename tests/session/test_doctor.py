@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import soundfile
+from recorded import write_places
+from running import exit_code
 
 import fdcal
 from fdcal.assessment.position_check import compare_positions
 from fdcal.commands import report
-from fdcal.commands.cli import main
 from fdcal.model.measurement import save_measurement
 from fdcal.recordings.recording import ImportOptions
 from fdcal.session import doctor
@@ -21,17 +22,6 @@ from fdcal.session.sources import measurement_input
 pytestmark = pytest.mark.usefixtures("remembered_runs")  # the list takes no part in a blind calibration
 
 RATE = 4000
-
-
-@pytest.fixture(scope="module")
-def tiny() -> fdcal.Measurement:
-    return fdcal.load("tiny")
-
-
-def table(path, positions) -> str:
-    rows = [",".join([str(n), *map(repr, x)]) for n, x in enumerate(np.asarray(positions).tolist())]
-    path.write_text("\n".join(["name,x,y", *rows]) + "\n")
-    return str(path)
 
 
 def answers(*arguments) -> dict[str, tuple[str, str]]:
@@ -48,10 +38,9 @@ def answers(*arguments) -> dict[str, tuple[str, str]]:
     ],
 )
 def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, change, code, words):
-    with pytest.raises(SystemExit) as ended:
-        main(["doctor", "tiny", "--positions", table(tmp_path / "list.csv", change(np.asarray(tiny.positions)))])
+    ended = exit_code("doctor", "tiny", "--positions", write_places(tmp_path / "list.csv", change(tiny.positions)))
     out = capsys.readouterr().out
-    assert ended.value.code == code and words in out.splitlines()[-1]
+    assert ended == code and words in out.splitlines()[-1]
     assert out.count("fault") == (code > 0)
 
 
@@ -88,7 +77,7 @@ def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
     noise = rng.standard_normal((2, len(pressures)))
     pressures[:, 5] = np.abs(pressures[:, 5]).mean() * (noise[0] + 1j * noise[1])
     save_measurement(dataclasses.replace(tiny, pressures=pressures), tmp_path / "dead.npz")
-    found = answers(str(tmp_path / "dead.npz"), table(tmp_path / "list.csv", tiny.positions))
+    found = answers(str(tmp_path / "dead.npz"), str(write_places(tmp_path / "list.csv", tiny.positions)))
     assert found.pop("channels") == ("fault", "microphone 5: dead; microphone 7: inverted")
     assert found["list"][0] == "fine" and "fault" not in {state for state, _ in found.values()}
 
@@ -135,9 +124,7 @@ def test_responses_that_wrap_round_end_the_examination(tmp_path, capsys):
     samples = np.exp(-t / 0.05) * rng.standard_normal((6, RATE)) + 1e-4 * rng.standard_normal((6, RATE))
     samples[4] = 0.0
     soundfile.write(tmp_path / "wrapped.wav", 0.1 * np.roll(samples, -20, axis=1).T, RATE, subtype="FLOAT")
-    with pytest.raises(SystemExit) as ended:
-        main(["doctor", str(tmp_path / "wrapped.wav"), "--kind", "impulse"])
+    assert exit_code("doctor", tmp_path / "wrapped.wav", "--kind", "impulse") == 4
     lines = capsys.readouterr().out.splitlines()
-    assert ended.value.code == 4
     assert any(line.startswith("samples") and "4: silent" in line for line in lines)
     assert lines[-1].startswith("wrapped      fault") and "wraps round" in lines[-1]

@@ -4,17 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recorded import write_places
 
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import plan as planning
 from fdcal.solvers.robust.arrivals import Arrivals, TakeSources
-
-
-def layout_of(path, places) -> planning.Layout:
-    """The layout of a table of positions (N, 3), metres."""
-    path.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places.tolist()))]))
-    return planning.read_layout(str(path))
-
 
 CENTIMETRES = planning.Layout("cm", tuple("0123456789"), np.random.default_rng(0).uniform(0, 60, (10, 3)))
 
@@ -127,7 +121,7 @@ def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_t
 
 def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
     places = np.random.default_rng(0).uniform([1.7, 0.5, 0.5], [2.2, 1.0, 1.0], (10, 3))
-    layout = layout_of(tmp_path / "a.csv", places)
+    layout = planning.read_layout(str(write_places(tmp_path / "a.csv", places)))
     for size, moved in (((2.0, 2.0, 2.7), True), ((3.0, 2.0, 2.7), False)):
         request = planning.PlanRequest(layout, room=size)
         text = "\n".join(planning.plan_lines(planning.make_plan(request)))
@@ -139,7 +133,7 @@ def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
 def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, tilt):
     level = planning.read_layout("rectangle 4x3 0.6x0.4").positions
     places = np.column_stack([level[:, 0], np.cos(tilt) * level[:, 1], np.sin(tilt) * level[:, 1]]) + [2.0, 1.5, 1.2]
-    layout = layout_of(tmp_path / "a.csv", places)
+    layout = planning.read_layout(str(write_places(tmp_path / "a.csv", places)))
     plans = [planning.make_plan(one) for one in (planning.PlanRequest(layout), request_of("rectangle 4x3 0.6x0.4"))]
     assert plans[0].bound.rms == pytest.approx(plans[1].bound.rms, rel=1e-6)
     assert ("coordinates in its plane" in planning.plan_lines(plans[0])[0]) == (tilt > 0)

@@ -8,7 +8,6 @@ from browsing import WAIT
 from doubles import Recorder, Solver, State, wait_until
 
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.binding import Binding
@@ -24,11 +23,6 @@ def server():
     opened = hardening.open_server("127.0.0.1", 0)
     yield opened
     opened.stop()
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
 
 
 @pytest.fixture(scope="module")

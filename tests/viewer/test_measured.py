@@ -17,18 +17,12 @@ from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
-from fdcal.session.sources import scene_input
 from fdcal.viewer import html
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.prepare import DisplayFrame, Preparation
 from fdcal.viewer.tabs import map as map_tab
 from fdcal.viewer.tabs import spectrum
-
-
-@pytest.fixture(scope="module")
-def tiny() -> Measurement:
-    return scene_input(load_scene("tiny")).measurement
 
 
 @contextmanager

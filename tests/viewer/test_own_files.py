@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import soundfile
 from doubles import wait_until
-from recorded import FS, places, stationary_source
+from recorded import FS, places, stationary_source, write_places
 from viser import _messages
 
 from benchmarks.protocol import ProtocolPage, send
@@ -30,8 +30,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("files")
     sound, _ = stationary_source(10.0, 30.0, COUNT)
     soundfile.write(folder / "one.wav", 0.1 * sound.T / np.std(sound), FS, subtype="PCM_24")
-    rows = [f"{n},{','.join(f'{x:.4f}' for x in place)}" for n, place in enumerate(places(COUNT))]
-    (folder / "list.csv").write_text("\n".join(["name,x,y,z", *rows]))
+    write_places(folder / "list.csv", places(COUNT))
     (folder / "broken.wav").write_bytes(b"RIFF")
     measurement, _ = import_recording(folder / "one.wav")
     save_measurement(measurement, folder / "hall.npz")
