@@ -167,7 +167,6 @@ class PlanRequest:
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # the RMS error that is wanted
     seed: Seed = 0  # of the positions of the source
-    modes: Annotated[int, within(MIN_FREQUENCIES)] | None = None  # uses the lowest so many frequencies of the band
     # number of source positions, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
@@ -251,8 +250,8 @@ class PlanRequest:
 
     @property
     def band_frequencies(self) -> np.ndarray:
-        """All independent frequencies of the band, or the lowest `modes` of them if this is given : float64, Hz."""
-        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)[: self.modes]
+        """All independent frequencies of the band : float64, Hz."""
+        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)
 
     @property
     def frequencies(self) -> np.ndarray:

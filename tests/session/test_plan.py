@@ -53,7 +53,6 @@ def test_layouts_from_files(tmp_path):
         ({"known": tuple(range(12))}, "known"),
         ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
         ({"known_sigma": 0.005}, "known_sigma"),
-        ({"modes": 0}, "modes"),
         ({"room": (5.0,)}, "room"),
         ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
         ({"kind": "speech"}, "kind"),
@@ -110,7 +109,7 @@ LARGE = ("ball 40 0.4",)  # of which short windows do not count
 
 def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_the_number_of_takes():
     blind, given, several = (planning.make_plan(request_of(*LARGE, **others)) for others in (
-        {"modes": 20}, {"known": (0, 4, 8, 30)}, {"modes": 20, "takes": 4},
+        {"band": (20.0, 108.0)}, {"known": (0, 4, 8, 30)}, {"band": (20.0, 108.0), "takes": 4},
     ))  # fmt: skip
     assert any("mirror" in line for line in blind.degeneracies)
     assert not any("mirror" in line for line in given.degeneracies)
@@ -160,7 +159,7 @@ def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, co
 
 def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not():
     """A short reverberation time makes neighbours alike over many hertz; the bound takes all for independent."""
-    few, many = (planning.make_plan(request_of(*LARGE, band=(100.0, 300.0), modes=modes)) for modes in (None, 8))
+    few, many = (planning.make_plan(request_of(*LARGE, band=(100.0, high))) for high in (135.0, 300.0))
     assert all(plan.forecast.rms > plan.bound.rms for plan in (few, many))
     plans = [planning.make_plan(request_of(*LARGE, reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
     closer = [plan.forecast.rms / plan.bound.rms for plan in plans]
