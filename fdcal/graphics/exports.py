@@ -21,13 +21,13 @@ from ..model.validation import InputError
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
 
 
-def landscape_vti(panels: LandscapePanels, height: float = 0.0) -> str:
-    """Return the text of a .vti file with one field for each mode, and their sum, at a `height`, metres."""
+def landscape_vti(panels: LandscapePanels) -> str:
+    """Return the text of a .vti file with one field for each mode, and their sum, at height 0."""
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
     fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes} | {"sum": panels.maps[-1]}
     (x, y), step = panels.search.origin[:2], panels.search.step
     ny, nx = panels.maps.shape[1:]
-    return image((nx, ny, 1), (x, y, height), (step, step, step), fields)
+    return image((nx, ny, 1), (x, y, 0.0), (step, step, step), fields)
 
 
 def volume_vti(cost: np.ndarray, search: Search) -> str:

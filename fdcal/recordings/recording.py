@@ -131,9 +131,9 @@ def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + max(1, step), count)
 
 
-def in_memory(recording: Recording, max_samples: int = 4 * GROUP_SAMPLES) -> Recording:
-    """Return the recording in memory as float32 if it has at most `max_samples`; return a larger one unchanged."""
-    if recording.count * recording.samples > max_samples:
+def in_memory(recording: Recording) -> Recording:
+    """Return the recording in memory as float32 if it is short; return a longer one unchanged."""
+    if recording.count * recording.samples > 4 * GROUP_SAMPLES:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
     for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
