@@ -340,7 +340,9 @@ class SceneNodes:
         self.parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._labels = server.gui.add_html(content("labels"), visible=False)
-        self.is_empty = True
+        # Its x counts the changes of the texts: a page shows a text when it has drawn the scene that belongs to it.
+        self._labelled = server.scene.add_frame("/labelled", show_axes=False)
+        self._texts, self.is_empty = "", True
         self._numbers = itertools.count()
         self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and node that another replaces
         self.cameras = Cameras(server)
@@ -354,7 +356,7 @@ class SceneNodes:
             # the next node of the same name, so that a relief, which has no position, needs another name.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
         self.is_empty, self.cameras.picture = False, picture
-        texts = content("labels", labels_html(picture.labels, picture.theme))
+        texts = labels_html(picture.labels, picture.theme)
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
@@ -363,8 +365,10 @@ class SceneNodes:
                 old = self.parts.get(name)
                 if old is not part:
                     self._handles[name] = self._send(f"/{name}", old, self._handles.get(name), part)
-            if self._labels.content != texts:
-                self._labels.content = texts
+            if texts != self._texts:
+                count = int(self._labelled.position[0]) + 1
+                self._texts, self._labelled.position = texts, (float(count), 0.0, 0.0)
+                self._labels.content = content("labels", f"<i data-count='{count}'></i>{texts}")
         self.parts = parts
 
     def settle(self, now: float) -> None:

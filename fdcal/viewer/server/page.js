@@ -168,17 +168,25 @@ function morph(old, wanted) {
 
 const layer = document.createElement("div");
 layer.id = "fdcal-labels";
-let labels = [], drawnFrom = "", canvasSize = [0, 0], upright = true;
+let labels = [], awaited = null, drawnFrom = "", canvasSize = [0, 0], upright = true;
 const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: between texts; of an axis that shows
 
+// viser draws a change of the scene later than it arrives; a text waits for the scene that it belongs to.
 function setLabels(html) {
-  layer.innerHTML = html;
-  labels = [...layer.children].map(element => {
+  awaited = html;
+  followScene();
+}
+
+function takeLabels() {
+  const count = Number(/data-count='(\d+)'/.exec(awaited)?.[1]), at = window.__viserMutable.nodeRefFromName["/labelled"]?.position.x;
+  if (awaited == null || at < count) return;
+  layer.innerHTML = awaited;
+  awaited = null;
+  labels = [...layer.querySelectorAll("span")].map(element => {
     const {at, anchor, axis} = element.dataset, [vertical, horizontal] = anchor.split("-");
     return {element, axis, at: at.split(",").map(Number), share: [SIDES[horizontal], SIDES[vertical]], size: null};
   });
   drawnFrom = "";
-  followScene();
 }
 
 // three.js calls `onAfterRender` with each picture, so that texts and scene move together.
@@ -186,7 +194,8 @@ function followScene() {
   const {scene, camera} = window.__viserMutable ?? {};
   if (!scene || !camera) { setTimeout(followScene, 50); return; }
   scene.onAfterRender = (renderer, from, by) => { if (by == window.__viserMutable.camera) placeLabels(by); };
-  scene.onBeforeRender = () => { hideHandles(); showNewest(); showTicks(); };
+  scene.onBeforeRender = () => { takeLabels(); hideHandles(); showNewest(); showTicks(); };
+  takeLabels();
   placeLabels(camera);
 }
 
