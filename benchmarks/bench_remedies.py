@@ -166,7 +166,7 @@ ANY = ("",)
 USERS: tuple[tuple[Callable[[Spec], tuple[Case, CalibrationInput]], tuple[str, ...]], ...] = (
     (by_default, ANY),
     (few_modes, ANY),
-    (every_mode, ("use modes ", "closer together")),
+    (every_mode, ("closer together",)),
     (impatient, ("use time_limit ",)),
     (wrong_list, ("check the positions and the cables",)),
 )

@@ -27,7 +27,6 @@ from ..model.gauge import align
 from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.interface import Estimate, RoomEstimate, TriedOptimum
-from ..solvers.requirements import needed_modes
 from .calibration import OF_LIST, ChannelFault
 from .channels import MAX_NOISE, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
@@ -40,7 +39,7 @@ CAUSES = (
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
-MODES_MARGIN = 0.9  # fraction of f_max up to which a remedy suggests modes
+MODES_MARGIN = 0.9  # fraction of f_max up to which a second run uses modes
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -247,13 +246,8 @@ def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
 
 
 def _undersampled(seen: Judged) -> str:
-    positions = seen.estimate.positions[seen.healthy]
-    below = modes_below_limit(seen.estimate.problem, positions)
-    remedy = f"use <modes> {below}, or" if below >= needed_modes(seen.estimate.problem) else "use"
-    return (
-        f"{len(positions)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz (Eq. 9), but modes up to"
-        f" {seen.highest:.0f} Hz are in use; {remedy} more microphones closer together"
-    )
+    count, limit, highest = np.sum(seen.healthy), f"{seen.f_max:.0f} Hz (Eq. 9)", f"{seen.highest:.0f} Hz"
+    return f"{count} microphones so far apart interpolate up to {limit}, but modes up to {highest} are in use"
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -377,7 +371,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
     Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled,
-            reason="modes above f_max (Eq. 9) are in use"),
+            "use more microphones closer together", reason="modes above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: "the solver ended while microphones still moved, by up to"
                          f" {seen.step_left:.2g} times their one sigma", "",

@@ -122,7 +122,7 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
 
 
-LONGER = 4.0  # factor on a time limit that was too short
+LONGER = 10.0  # factor on a time limit that was too short
 FREE_SOUND_SPEED = 0.05  # relative, one sigma of a sound speed before it is estimated: 30 K in air
 
 
