@@ -126,10 +126,20 @@ def test_only_what_has_changed_is_sent_and_what_the_next_picture_lacks_is_remove
     assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
+def test_a_text_tells_the_page_for_which_scene_it_waits(sent_scene, scene, measurement):
+    """A page draws a change later than it arrives; x of "/labelled" says which texts belong to what it draws."""
+    made, nodes = sent_scene
+    static = compose(scene, measurement)
+    for offset, count in ((0.0, 1), (0.0, 1), (0.3, 2)):
+        nodes.show(with_estimate(static, measurement, measurement.positions + offset, 4))
+        assert made.labelled.position[0] == count and f"data-count='{count}'" in made.texts.content
+
+
 @pytest.fixture
 def sent_scene():
     scene = SentScene()
-    scene.texts = SimpleNamespace(content="")
+    scene.texts, scene.labelled = SimpleNamespace(content=""), SimpleNamespace(position=(0.0, 0.0, 0.0))
+    scene.add_frame = lambda *_, **__: scene.labelled
     gui = SimpleNamespace(add_html=lambda *_, **__: scene.texts)
     server = SimpleNamespace(scene=scene, gui=gui, atomic=contextlib.nullcontext, initial_camera=None)
     return scene, SceneNodes(server)
