@@ -161,7 +161,7 @@ def wrong_list(spec: Spec) -> tuple[Case, CalibrationInput]:
     return case, replace(inputs, measurement=with_known(inputs.measurement, places))
 
 
-# Who calibrates, and what of REMEDIES he is hoped to print; a user for whom all of this has been printed rests.
+# Who calibrates, and which of REMEDIES the verdict should print; a user is left out once all of these were printed.
 ANY = ("",)
 USERS: tuple[tuple[Callable[[Spec], tuple[Case, CalibrationInput]], tuple[str, ...]], ...] = (
     (by_default, ANY),

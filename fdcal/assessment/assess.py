@@ -122,10 +122,11 @@ def judged(
     healthy = healthy_channels(len(names), faulty)
     search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
     wrong = [n for n, one in faulty.items() if one.kind in OF_LIST]
-    given_check = _given_check(estimate, wrong)
-    if not len(estimate.problem.known):
-        sound = {n: place for n, place in unused.items() if healthy[n]}
-        given_check = _unused_agreement(estimate, sound, scale or 1.0), 0.0
+    if len(estimate.problem.known):
+        given_check = _given_check(estimate, wrong)
+    else:
+        unused = {n: place for n, place in unused.items() if healthy[n]}
+        given_check = _unused_agreement(estimate, unused, scale or 1.0), 0.0
     return Judged(estimate, names, covariance, faulty, *given_check, search, scale_sigma, scale, single)
 
 
@@ -149,7 +150,7 @@ def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scal
     """Return the probability that `unused` positions and the array found differ as much by chance, see the module."""
     numbers, D = np.array([*unused], int), estimate.problem.array_dimension
     freedom = len(numbers) * D - D * (D + 1) // 2
-    if freedom <= 0:
+    if freedom <= 0 or estimate.given.carry_scale:  # a size that the pressures hardly show contradicts no list
         return 1.0
     there = scale * estimate.positions[numbers]
     placed = align(np.array([*unused.values()]), there)

@@ -329,6 +329,10 @@ def test_given_positions_that_the_solver_did_not_get_check_the_array(blind):
         assert found.verdict == code and ("found without them" in found.message) == (code != "good"), found.message
         few = dict(list(unused.items())[:1])
         assert assess(blind, names, unused=few).verdict == "good", "one position checks nothing"
+        flat = replace(blind, given=replace(blind.given, carry_scale=True))
+        assert assess(flat, names, unused=unused).verdict == "scale_undetermined", (
+            "whose size the pressures do not show"
+        )
 
 
 def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind):
