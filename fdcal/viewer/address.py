@@ -8,7 +8,7 @@ or Expert, belongs to one browser and is not sent to the server (`server/page.js
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 from urllib.parse import quote, urlencode
@@ -59,13 +59,11 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
 
 
 class AddressBar:
-    """Opens links, and keeps the addresses of all browsers up to date; all but `tick` runs on viser's event loop."""
+    """Opens links, and keeps the addresses of all browsers up to date; all but `show` runs on viser's event loop."""
 
     def __init__(self, page: Any, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # a link that waits for a session
-        # A link whose scene is being prepared: the request (None for the scene of a lesson), the browser, the address.
-        self._pending: tuple[OpenRequest | None, viser.ClientHandle, Mapping[str, str]] | None = None
         page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
 
     def open(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
@@ -83,8 +81,8 @@ class AddressBar:
         if method:
             require_choice("method", method, solvers.names())
         if lesson:
-            lessons.open(lesson, int(asked.get("part", "1").partition(",")[0]))
-            self._pending = None, client, asked
+            part = int(asked.get("part", "1").partition(",")[0])
+            lessons.open(lesson, part, lambda: self._set(self._page.viewer, client, asked))
             return
         if lessons.progress.lesson is not None and scene:
             lessons.leave()
@@ -99,9 +97,12 @@ class AddressBar:
         if method and method != request.scene.solver.name:
             solver = replace(request.scene.solver, name=method, start=None)
             request = replace(request, scene=replace(request.scene, solver=solver))
-        request = replace(request, choices=plain_choices())
-        self._page.open(request)
-        self._pending = request, client, asked
+
+        def then(shown: Viewer | None) -> None:
+            if shown is not None:
+                self._page.panels.overlay.guarded(client, lambda: self._set(shown, client, asked))
+
+        self._page.open(replace(request, choices=plain_choices()), then)
 
     def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Apply the parts of an address that differ from what is shown, so that reloading a page changes nothing."""
@@ -121,21 +122,12 @@ class AddressBar:
             setting = LessonSetting(frame=urlencode(new))
             apply_setting(setting, viewer.tabs, lambda view: cameras.request(client, view), restarted=False)
 
-    def tick(self, call: Callable[[Callable[[], object]], object]) -> None:
-        """Carry out what waits, and bring the address up to date; called by the main loop."""
-        viewer, lesson = self._page.viewer, self._lessons.progress
-        if viewer is None:
-            return
-        if self._asked is not None:
+    def show(self) -> None:
+        """Open the link that waits, or bring the address up to date; called by the main loop."""
+        viewer, overlay, lesson = self._page.viewer, self._page.panels.overlay, self._lessons.progress
+        if viewer is not None and self._asked is not None:
             (client, asked), self._asked = self._asked, None
-            call(lambda: self._page.panels.overlay.guarded(client, lambda: self.open(client, asked)))
-        elif self._pending is not None and (
-            self._lessons.ready if self._pending[0] is None else viewer.binding.run.opening is self._pending[0]
-        ):
-            (_, client, asked), self._pending = self._pending, None
-            call(lambda: self._page.panels.overlay.guarded(client, lambda: self._set(viewer, client, asked)))
-        elif self._pending is not None and self._page.switcher.idle:
-            self._pending = None
-        elif self._pending is None and not viewer.tabs.sweep.playing:
+            viewer.binding.call(lambda: overlay.guarded(client, lambda: self.open(client, asked)))
+        elif viewer is not None and self._page.switcher.idle and not viewer.tabs.sweep.playing:
             name = "" if lesson.lesson is None else lesson.lesson.name or lesson.lesson.title
-            self._page.panels.overlay.show("address", address_of(viewer, name, lesson.number + 1).replace("&", "&amp;"))
+            overlay.show("address", address_of(viewer, name, lesson.number + 1).replace("&", "&amp;"))

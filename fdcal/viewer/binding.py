@@ -100,7 +100,8 @@ class Binding:
         self.threads = Scheduler(wake)
         self.sent: dict[int, object] = {}
         self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
-        self.closed = False  # the session is being replaced
+        self.folders: list[viser.GuiFolderHandle] = []  # that hold the controls
+        self._removed = False
         self.commands: dict[str, tuple[Any, Callable[[Any, Any], None]]] = {}
         self.tabs: Any = None
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
@@ -116,7 +117,7 @@ class Binding:
             try:
                 act(*([client] if of_client else []), value)
             except RuntimeError:
-                if not self.closed:  # while a session is being replaced, its controls no longer exist
+                if not self._removed:
                     raise
             self._wake()
 
@@ -188,6 +189,12 @@ class Binding:
             if getattr(handle, name) != wanted:
                 setattr(handle, name, wanted)
         self._wake()
+
+    def remove(self) -> None:
+        """Remove all controls; another session takes the place of this one."""
+        self._removed = True
+        for folder in self.folders:
+            folder.remove()
 
     @property
     def positions(self) -> Reals:

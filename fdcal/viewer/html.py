@@ -78,25 +78,19 @@ def remark(text: str) -> str:
     return f"<div style='{CARD} opacity: 0.75'>{escape(text)}</div>"
 
 
-def waiting(title: str, text: str) -> str:
-    """Return the line that is shown while a session is prepared."""
-    return f"<div style='{CARD}'><b>{escape(title)}</b><br>{escape(text)}</div>"
-
-
 def status(
     view: SessionView,
     measurement: Measurement,
     fault: str = "",
-    note: str = "",
     sought: np.ndarray | slice = slice(None),
     found: Assessment | None = None,
     left_out: Sequence[str] = (),
 ) -> str:
     """Return the lines at the top of the main panel.
 
-    `fault` is an exception of the page itself, as text; `note` describes work in the background; `sought` are the
-    numbers of the microphones whose errors are averaged, by default all; `found` is the assessment of the state, or
-    None; `left_out` are the names of microphones that are not averaged because their channels are faulty.
+    `fault` is an exception of the page itself, as text; `sought` are the numbers of the microphones whose errors are
+    averaged, by default all; `found` is the assessment of the state, or None; `left_out` are the names of microphones
+    that are not averaged because their channels are faulty.
     """
     state, errors = view.state, measurement.errors(view.state.best_positions, sought)
     found_errors = None if errors is None else errors[sought]
@@ -126,8 +120,8 @@ def status(
         for text in faults
     )
     word = state_word(state, view.running, view.error, *([] if found is None else [found.verdict])).partition(";")[0]
-    note = note or (f"{STEP_LEFT.capitalize()}." if word == "Ended" and found is not None else "")
-    lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
+    if word == "Ended" and found is not None:
+        lines += f"<div style='opacity: 0.65'>{STEP_LEFT.capitalize()}.</div>"
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (
         f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"

@@ -1,9 +1,8 @@
 """The page and its main loop, which last while sessions replace each other.
 
-`Page.open(request)` shows another session; the panels, lessons and session files call it. The present session keeps
-running until the next one is ready (`SessionSwitcher`). If that cannot be opened, the status bar gives the reason in
-one line. Otherwise its controls replace the old ones in the panels (`panels.SessionFolders`). Browsers stay connected,
-and the chosen tabs stay chosen.
+`Page.open(request)` shows another session; tabs, lessons and links call it. The present session keeps running until
+the next one is ready (`SessionSwitcher`). If that cannot be opened, the panels give the reason in one line. Otherwise
+its controls replace the old ones. Browsers stay connected, and the chosen tabs stay chosen.
 """
 
 import collections
@@ -20,8 +19,8 @@ from ..session.worker import Flag
 from .address import AddressBar
 from .explore import Explore
 from .own_files import OwnFiles
-from .panels import Panels, SessionFolders, StatusBar
-from .prepare import PreparedRun, SessionSwitcher
+from .panels import Panels
+from .prepare import Preparation, SessionSwitcher, Then, nothing
 from .scene3d import SceneNodes
 from .scheduler import Memo
 from .server import content
@@ -58,9 +57,10 @@ class Page:
         on_progress: Callable[[str], None] = lambda text: None,
         takes_files: bool = False,
     ):
-        self._server, self.nodes, self.switcher, self.wake = server, nodes, SessionSwitcher(), Flag()
-        self.panels = Panels(server.gui, self.wake.set)
-        self.status_bar = StatusBar(self.panels, self.switcher)
+        self._server, self.nodes, self.wake = server, nodes, Flag()
+        self._call = server.get_event_loop().call_soon_threadsafe
+        self.switcher = SessionSwitcher(self._call)
+        self.panels = Panels(server.gui, self.wake.set, self.switcher.cancel)
         self.viewer: Viewer | None = None
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tabs["Help"]:
@@ -96,9 +96,12 @@ class Page:
             if self.viewer is not None:
                 self.viewer.picker.forget(client.client_id)
 
-    def open(self, request: OpenRequest) -> None:
-        """Show another session as soon as it is ready; any thread may call this, and the last request is executed."""
-        self.switcher.open(request)
+    def open(self, request: OpenRequest, then: Then = nothing) -> None:
+        """Show another session as soon as it is ready; any thread may call this, and the last request is executed.
+
+        `then` is called once on viser's event loop: with the viewer of that session, or with None if it is not shown.
+        """
+        self.switcher.open(request, then)
 
     def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
         """Execute a command of the session (`Binding.commands`), if it exists; on viser's event loop."""
@@ -156,7 +159,7 @@ class Page:
             raise self.switcher.error
         if prepared is not None:
             self._replace_session(prepared)
-        self.status_bar.show(first)
+        self.panels.show_progress(self.switcher.current, self.switcher.error, first)
         if first:
             self._report_progress()
         if self.viewer is not None:
@@ -168,10 +171,14 @@ class Page:
             if current.measurement is not None:
                 self.nodes.show_room(current.request, current.measurement)
                 self.nodes.cameras.request_all("top")  # for browsers that connected before there was a picture
-        call = self._server.get_event_loop().call_soon_threadsafe
-        self._guarded("lessons", lambda: self.lessons.show(call))
-        self._guarded("address", lambda: self.address.tick(call))
-        self._guarded("canvas", self.explore.show)
+        parts = ("lessons", self.lessons.show), ("address", self.address.show), ("canvas", self.explore.show)
+        for part, update in parts:
+            try:
+                update()
+            except Exception as error:  # logged once, and the page continues
+                if self._faults.get(part) != repr(error):
+                    log.exception("the %s could not be updated", part)
+                self._faults[part] = repr(error)
         self.nodes.cameras.process_requests(self._server.get_clients().values())
         if now - self._checked > CANVAS_INTERVAL:
             self._follow_canvases(now)
@@ -185,38 +192,29 @@ class Page:
         self._checked = now
         self.nodes.cameras.follow_all(self._server.get_clients().values())
 
-    def _guarded(self, part: str, update: Callable[[], None]) -> None:
-        """Update a part of the page; an exception is logged once, and the page continues."""
-        try:
-            update()
-        except Exception as error:
-            if self._faults.get(part) != repr(error):
-                log.exception("the %s could not be updated", part)
-            self._faults[part] = repr(error)
-
-    def _replace_session(self, prepared: PreparedRun) -> None:
+    def _replace_session(self, prepared: Preparation) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""
-        old, folders = self.viewer, SessionFolders(self.panels)
+        old, run = self.viewer, prepared.run
+        assert run is not None
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, prepared, folders, self.nodes, self.open, before, self.wake.set)
+                new = Viewer(self._server, run, self.panels, self.nodes, self.open, before, self.wake.set)
                 if old is not None:
                     old.take_down()
         except Exception as error:
-            folders.remove()
-            prepared.close(0.5)
+            run.session.close(0.5)
             if old is None:
                 raise
-            self.switcher.refuse(error)
+            self.switcher.refuse(prepared, error)
             old.drawn = Memo()
             return
         self.viewer = new
-        self._server.gui.set_panel_label(f"fdcal · {prepared.scene.name}")
+        self._server.gui.set_panel_label(f"fdcal · {run.scene.name}")
         if old is not None:
             old.close()
         elif self._dark:
-            self._server.get_event_loop().call_soon_threadsafe(self._prefer, self._first, True)
+            self._call(self._prefer, self._first, True)
         if old is None or old.snapshot.picture.focus != new.snapshot.picture.focus:
             in_relief = old is None and new.binding.choices.kind == "relief"
             self.nodes.cameras.view = view = "close" if in_relief else "top"
@@ -224,6 +222,7 @@ class Page:
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, view)
         self._releases.append(time.perf_counter() + RELEASE_DELAY)
+        self._call(prepared.then, new)
 
     def _report_progress(self, text: str | None = None) -> None:
         """Report the progress of the first session, or `text`, where it has changed."""

@@ -1,17 +1,17 @@
 """The panels of the face Expert: their tabs, which exist as long as the server, and the controls of a session in them.
 
 Since the tabs stay, a user who looks at a tab while another scene is opened sees the same tab afterwards. `Tabs` makes
-the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. `StatusBar` is at the
-top while another session is prepared; `RunBar` and `SolverTab`, which run and configure the solver, are between it and
+the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. At the top is the
+progress of a session that is prepared. `RunBar` and `SolverTab`, which run and configure the solver, are between it and
 the tabs.
 """
 
 import itertools
 import pkgutil
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
+from html import escape
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -26,7 +26,7 @@ from ..session.sources import OpenRequest
 from . import html, tabs
 from .binding import RUN_BAR, Binding, Tab
 from .html import Overlay
-from .prepare import SessionSwitcher
+from .prepare import Preparation
 from .state import PageState
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
@@ -37,16 +37,19 @@ RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 class Panels:
     """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
 
-    `top`: folder above everything else, for messages about the page as a whole; `tabs`: of both panels by name, and
-    RUN_BAR, the folder between `top` and the tabs; `overlay`: regions on the canvas; `numbers`: counts the sessions;
-    `wake`: makes the main loop update the page at once.
+    `line`, `bar`, `button`: progress of the session that is prepared, or why it was refused, and Cancel; `tabs`: of
+    both panels by name, and RUN_BAR, the folder above the tabs; `overlay`: regions on the canvas; `numbers`: counts the
+    sessions; `wake`: makes the main loop update the page at once; `cancel`: cancels the session that is prepared.
     """
 
-    def __init__(self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None):
+    def __init__(
+        self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None, cancel: Callable[[], None] = lambda: None
+    ):
         self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui, wake)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
-        self.top = gui.add_folder(None)
+        self.line, self.bar = gui.add_html("", visible=False), gui.add_progress_bar(0.0, visible=False)
+        self.button = gui.add_button("Cancel", icon=viser.Icon.X, visible=False)
         self.tabs: dict[str, Any] = {RUN_BAR: gui.add_folder(None)}
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
@@ -57,63 +60,25 @@ class Panels:
         panel.set_width(LEFT_WIDTH)
         panel.expand()  # on a phone, where sections are folded at first
 
-
-class StatusBar:
-    """Owns the line above the panel while a session is prepared, or after a request was refused."""
-
-    def __init__(self, panels: Panels, switcher: SessionSwitcher):
-        self._switcher, gui = switcher, panels.gui
-        with panels.top:
-            self.line = gui.add_html("", visible=False)
-            self.bar = gui.add_progress_bar(0.0, visible=False)
-            self.button = gui.add_button("Cancel", icon=viser.Icon.X, visible=False)
-
         @self.button.on_click
         async def _(event) -> None:
             if event.client is not None:
-                switcher.cancel()
+                cancel()
 
-    def show(self, first: bool) -> None:
-        """Bring the line up to date; called by the main loop.
+    def show_progress(self, current: Preparation | None, error: Exception | None, first: bool) -> None:
+        """Show the session that is prepared, or the error of the last request; called by the main loop.
 
         `first`: whether no session has been shown yet, so that Cancel is impossible.
         """
-        current, error = self._switcher.current, self._switcher.error
-        busy, self.bar.visible = current is not None, current is not None
+        busy = self.bar.visible = current is not None
         if current is not None:
-            self.line.content = html.waiting(current.request.scene.title, current.text)
+            title = escape(current.request.scene.title)
+            self.line.content = f"<div style='{html.CARD}'><b>{title}</b><br>{escape(current.text)}</div>"
             self.bar.value = float(round(100 * current.progress))
         else:
             self.line.content = html.complaint(html.error_message(error))
         self.line.visible = busy or error is not None
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
-
-
-class SessionFolders:
-    """Folders in the tabs that hold the controls of one session, and are removed together.
-
-    `number`: of the session, counted from 0.
-    """
-
-    def __init__(self, panels: Panels):
-        self._panels, self.gui, self.number = panels, panels.gui, next(panels.numbers)
-        self.overlay = panels.overlay
-        self._folders: list[viser.GuiFolderHandle] = []
-
-    @contextmanager
-    def tab(self, name: str) -> Iterator[viser.GuiFolderHandle]:
-        """Return a context in which controls are added to a tab, or to the run bar above the tabs of the main panel."""
-        with self._panels.tabs[name]:
-            folder = self.gui.add_folder(None)  # without a label it is not visible
-            self._folders.append(folder)
-            with folder:
-                yield folder
-
-    def remove(self) -> None:
-        """Remove all folders and what they hold."""
-        for folder in self._folders:
-            folder.remove()
-        self._folders = []
 
 
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
@@ -240,8 +205,7 @@ class RunBar(Tab):
         run = self._binding.run
         sought = run.sought if tick.sought is None else tick.sought
         left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
-        how = tick.fault, tick.note, sought, tick.found, left_out
-        self.status.content = html.status(tick.view, run.measurement, *how)
+        self.status.content = html.status(tick.view, run.measurement, tick.fault, sought, tick.found, left_out)
 
 
 MAX_SEED = 2**31 - 1
@@ -358,12 +322,14 @@ class Tabs:
     to a view.
     """
 
-    def __init__(self, folders: SessionFolders, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
+    def __init__(self, panels: Panels, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self.binding, self._place = binding, place
         binding.tabs = self
         for kind in tab_kinds():
-            with folders.tab(kind.where):
-                setattr(self, kind.attribute(), kind(binding))
+            with panels.tabs[kind.where]:
+                binding.folders.append(folder := panels.gui.add_folder(None))  # not visible, as it has no label
+                with folder:
+                    setattr(self, kind.attribute(), kind(binding))
 
     if TYPE_CHECKING:
 

@@ -1,15 +1,15 @@
 """From a request for a scene to a session that can be shown, on a thread that can be cancelled.
 
-Warmup            compiles the functions of `fdcal.solvers.warmup_calls` during the simulation and afterwards
-Preparation       simulates or reads the measurement, and starts a session
+PreparedRun       a scene, its measurement and its session
 DisplayFrame      the frame in which the page draws the states of a session
+Preparation       simulates or reads the measurement, compiles what the solver needs, and starts a session
 SessionSwitcher   receives requests from any thread; the main loop executes them and gets the sessions
 """
 
 import collections
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,50 +28,10 @@ from ..session.calibration_run import with_estimated_domain
 from ..session.session import Session, SessionView
 from ..session.sources import OpenRequest, as_given
 from ..session.worker import LatestWorker
-from ..solvers import warmup_calls
 from ..solvers.interface import RunState, Solver
 from .scheduler import Memo
 
-POLL_INTERVAL = 0.05  # s between two checks of the compilation
 COMPILE_TIME = 1.0  # s; a function that takes longer is being compiled, a faster one is read from the disk
-
-
-class Warmup:
-    """Compiles the functions that the solver of a scene needs, on a thread that starts at once.
-
-    `close` ends it after the function in progress.
-    """
-
-    def __init__(self, scene: Scene):
-        self._pieces, self._done = warmup_calls(scene.solver.name), 0
-        self._since, self.stop = time.perf_counter(), False
-        self._worker = LatestWorker(self._compile, "fdcal-warmup")
-        self._worker.request()
-
-    def _compile(self) -> None:
-        for _, compile_piece in self._pieces:
-            if self.stop:
-                return
-            self._since = time.perf_counter()
-            compile_piece()
-            self._done += 1
-
-    @property
-    def busy(self) -> bool:
-        """Whether a function is still to be compiled; False after a failure, which the solver will report."""
-        return self._worker.busy
-
-    @property
-    def text(self) -> str:
-        """The progress in words; "" unless a compilation takes long."""
-        if not self.busy or time.perf_counter() - self._since < COMPILE_TIME:
-            return ""
-        return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
-
-    def close(self, timeout: float) -> bool:
-        """End the thread after the function in progress; False if that takes longer than `timeout`, s."""
-        self.stop = True
-        return self._worker.close(timeout)
 
 
 class Cancelled(Exception):
@@ -89,13 +49,6 @@ class PreparedRun:
     session: Session  # its states have the settings of `scene` with a number of modes
     opening: OpenRequest  # the request for which the run was prepared
     reference_cost: ReferenceCost | None = None  # None if it cannot be computed
-    warmup: Warmup | None = None  # the compilation in progress, or None
-
-    def close(self, timeout: float) -> None:
-        """End the threads of a run that is not shown; wait at most `timeout`, s."""
-        if self.warmup is not None:
-            self.warmup.close(0.0)
-        self.session.close(timeout)
 
     @property
     def sought(self) -> np.ndarray:
@@ -148,17 +101,13 @@ class DisplayFrame:
         x = np.asarray(positions, float)
         return x if self._anchor is None else align(x, self._anchor, self.by)
 
-    def state(self, state: RunState) -> RunState:
-        """Return a state with its positions as the page draws them; the last result is reused for the same state."""
-        if self._anchor is None:
-            return state
-        return self._moved(
-            lambda: replace(state, positions=frozen_array(self.positions(state.positions), float)), state, self.by
-        )
-
     def view(self, view: SessionView) -> SessionView:
         """Return a view whose present state has the positions that the page draws; its history is not changed."""
-        return replace(view, state=self.state(view.state))
+
+        def moved() -> RunState:
+            return replace(view.state, positions=frozen_array(self.positions(view.state.positions), float))
+
+        return view if self._anchor is None else replace(view, state=self._moved(moved, view.state, self.by))
 
     def axes(self, positions: Any, axes: Reals) -> Reals:
         """Return half axes (N, D, D) of ellipses around positions, in rows, as the page draws them."""
@@ -189,21 +138,25 @@ class DisplayFrame:
 
 
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
+Then = Callable[[Any], object]  # gets the Viewer of a session when it is shown, None if it never will be
+
+
+def nothing(viewer: Any) -> None:
+    """Do nothing when a session is shown."""
 
 
 class Preparation:
     """The preparation of a run for a request; its thread writes the attributes, and the main loop reads them.
 
-    Setting `stop` cancels it. `task` is in progress, and `progress`, 0 to 1, is that of the task; `measurement` is None
-    at first; at the end `done` is set, and `run` or `error`.
+    `task` is in progress, and `progress`, 0 to 1, is that of the task; `measurement` is None at first; `compiling`:
+    whether a function is being compiled, which nothing can interrupt; at the end `done` is set, and `run` or `error`.
     """
 
-    def __init__(self, request: OpenRequest):
+    def __init__(self, request: OpenRequest, then: Then = nothing):
         read = request.measurement is not None or isinstance(request.scene, MeasuredScene)
-        self.request, self.task, self.progress = request, READING if read else SIMULATING, 0.0
-        self.stop = self.done = False
+        self.request, self.then, self.task, self.progress = request, then, READING if read else SIMULATING, 0.0
+        self.done = self.compiling = self._cancelled = False
         self._since = time.perf_counter()
-        self.warmup: Warmup | None = None
         self.measurement: Measurement | None = None
         self.run: PreparedRun | None = None
         self.error: Exception | None = None
@@ -211,85 +164,85 @@ class Preparation:
     def __call__(self, progress: float, *_) -> None:
         """Set the progress; raise Cancelled if the run is no longer wanted."""
         self.progress = float(progress)
-        if self.stop:
+        if self._cancelled:
             raise Cancelled
 
-    @property
-    def compiling(self) -> bool:
-        """Whether its compilation is in progress."""
-        return self.warmup is not None and self.warmup.busy
+    def cancel(self) -> None:
+        """End the preparation as soon as possible, or the session if it is ready."""
+        self._cancelled = True
+        if self.done and self.run is not None:
+            self.run.session.close(0.0)
 
     @property
     def text(self) -> str:
         """The progress in words."""
-        if self.progress < 1:
-            if self.progress:
-                return f"{self.task} ... {round(100 * self.progress)} %"
-            slow = self.task == SIMULATING and time.perf_counter() - self._since > COMPILE_TIME
-            return "Preparing the simulation ..." if slow else f"{self.task} ..."
-        return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
+        slow = time.perf_counter() - self._since > COMPILE_TIME
+        if self.progress == 1:
+            return "Compiling (first run only) ..." if self.compiling and slow else "Preparing the solver ..."
+        if self.progress:
+            return f"{self.task} ... {round(100 * self.progress)} %"
+        return "Preparing the simulation ..." if slow and self.task == SIMULATING else f"{self.task} ..."
 
     def execute(self) -> None:
         """Prepare the run, on the thread; `error` is an InputError if scene, measurement or states cannot be used."""
         try:
             self(0.0)
-            self.warmup = Warmup(self.request.scene)
-            self.run = _prepare(self.request, self, self.warmup)
+            self.run = self._prepared()
         except Exception as error:
             self.error = None if isinstance(error, Cancelled) else error
-        if self.run is None and self.warmup is not None:
-            self.warmup.close(0.0)
-        self.done = True
+        self.compiling, self.done = False, True
+        if self._cancelled:  # perhaps after the last check
+            self.cancel()
 
-
-def _prepare(opening: OpenRequest, progress: Preparation, warmup: Warmup) -> PreparedRun:
-    scene, source = opening.scene, opening.measurement
-    if source is None:
-        source = cached_measurement(scene, progress)
-    progress.measurement = measurement = as_given(scene, source)
-    progress(1.0)
-    while warmup.busy:
-        progress(1.0)
-        time.sleep(POLL_INTERVAL)
-    if source.search is None:
-        if opening.states:  # a search domain around the last state, or around an estimate made for it
-            truth = source.positions if measurement.blind else None
-            source = replace(source, search=search_around(opening.states[-1].positions, truth=truth))
-        else:
-            progress.task = "Estimating the positions, for a search domain"
-            source = with_estimated_domain(source, scene.solver, opening.seed, progress)
-            progress(1.0)
-        progress.measurement = measurement = as_given(scene, source)
-        opening = replace(opening, measurement=source)
-    problem = source.problem(scene.solver.weights, scene.solver.known)
-    if opening.fewer_modes:
-        count = solvers.load(scene.solver.name).usable_modes(problem, scene.solver)
-        if scene.solver.modes != ALL_MODES and 0 < count < scene.solver.modes:
-            first = min(scene.solver.first_modes, count)
-            scene = replace(scene, solver=replace(scene.solver, modes=count, first_modes=first))
-    solver, settings = solvers.load(scene.solver.name), solvers.with_mode_count(problem, scene.solver)
-    reference_cost = reference_cost_of(problem)
-    cost = None if reference_cost is None else reference_cost.of
-    session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
-    try:
-        # Compile what a step and a map need, seconds the first time, so that the first click is answered at once.
-        state = session.view.history[0]
-        solver.step(problem, state)
-        if problem.search is not None:
-            solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
-    except BaseException as error:
-        session.close(0.5)
-        if opening.states and isinstance(error, Exception) and not isinstance(error, InputError):
-            raise InputError(f"the solver cannot continue from the given states: {error!r}", key="states") from error
-        raise
-    if opening.play:
-        session.play()
-    search, truth = measurement.search, measurement.positions
-    if search is not None and truth is not None and measurement.blind and not solver.TRAITS.needs_room:
-        search = search_around(session.view.history[0].positions, search, truth)
-    if search is not measurement.search:  # only the maps need it; a blind array is solved without a domain
-        measurement, problem = replace(measurement, search=search), replace(problem, search=search)
-    return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost, warmup)
+    def _prepared(self) -> PreparedRun:
+        opening, scene = self.request, self.request.scene
+        source = cached_measurement(scene, self) if opening.measurement is None else opening.measurement
+        self.measurement = measurement = as_given(scene, source)
+        for _, compile_piece in solvers.warmup_calls(scene.solver.name):
+            self(1.0)
+            self._since, self.compiling = time.perf_counter(), True
+            compile_piece()
+            self.compiling = False
+        self(1.0)
+        if source.search is None:
+            if opening.states:  # a search domain around the last state, or around an estimate made for it
+                truth = source.positions if measurement.blind else None
+                source = replace(source, search=search_around(opening.states[-1].positions, truth=truth))
+            else:
+                self.task = "Estimating the positions, for a search domain"
+                source = with_estimated_domain(source, scene.solver, opening.seed, self)
+                self(1.0)
+            self.measurement = measurement = as_given(scene, source)
+            opening = replace(opening, measurement=source)
+        problem = source.problem(scene.solver.weights, scene.solver.known)
+        solver = solvers.load(scene.solver.name)
+        if opening.fewer_modes and scene.solver.modes != ALL_MODES:
+            count = solver.usable_modes(problem, scene.solver)
+            if 0 < count < scene.solver.modes:
+                first = min(scene.solver.first_modes, count)
+                scene = replace(scene, solver=replace(scene.solver, modes=count, first_modes=first))
+        settings, reference_cost = solvers.with_mode_count(problem, scene.solver), reference_cost_of(problem)
+        cost = None if reference_cost is None else reference_cost.of
+        session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
+        try:  # a step and a map make what later ones use, so that the first click is answered at once
+            state = session.view.history[0]
+            solver.step(problem, state)
+            if problem.search is not None:
+                solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
+        except BaseException as error:
+            session.close(0.5)
+            if opening.states and isinstance(error, Exception) and not isinstance(error, InputError):
+                fault = f"the solver cannot continue from the given states: {error!r}"
+                raise InputError(fault, key="states") from error
+            raise
+        if opening.play:
+            session.play()
+        search, truth = measurement.search, measurement.positions
+        if search is not None and truth is not None and measurement.blind and not solver.TRAITS.needs_room:
+            # Only the maps need this domain; a blind array is solved without one.
+            search = search_around(session.view.history[0].positions, search, truth)
+            measurement, problem = replace(measurement, search=search), replace(problem, search=search)
+        return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost)
 
 
 log = logging.getLogger(__name__)
@@ -300,23 +253,31 @@ COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
 class SessionSwitcher:
     """Prepares the newest request on a thread of its own.
 
-    `current` is the preparation in progress, or None; `error` the exception of the last request, or None.
+    `current` is the preparation in progress, or None; `error` the exception of the last request, or None. `call` runs
+    a function on viser's event loop.
     """
 
-    def __init__(self):
-        self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
-        self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
+    def __init__(self, call: Callable[[Callable[[], object]], object] = lambda function: function()):
+        self._commands: collections.deque[Preparation | None] = collections.deque()  # None: cancel
+        self._worker, self._call = LatestWorker(self._execute, "fdcal-prepare"), call
         self.current: Preparation | None = None
-        self._begun: list[Preparation] = []  # those that may still be in progress, or compile
+        self._executed: Preparation | None = None  # the last one on the thread, perhaps cancelled
         self.error: Exception | None = None
 
-    def open(self, request: OpenRequest) -> None:
-        """Prepare a request, and cancel the one in progress. Any thread."""
-        self._commands.append(request)
+    def open(self, request: OpenRequest, then: Then = nothing) -> None:
+        """Prepare a request, and cancel the one in progress. Any thread.
+
+        `then` is called once: with the viewer of the session, or with None if it is not shown.
+        """
+        self._commands.append(Preparation(request, then))
 
     def cancel(self) -> None:
         """Cancel the request in progress, or dismiss the error of the last one. Any thread."""
         self._commands.append(None)
+
+    def _execute(self, preparation: Preparation) -> None:
+        self._executed = preparation
+        preparation.execute()
 
     # Only the main loop calls the methods below.
 
@@ -327,57 +288,41 @@ class SessionSwitcher:
 
     @property
     def compiling(self) -> bool:
-        """Whether a compilation is in progress, for the session that is shown or for one that was cancelled."""
-        return any(one.compiling for one in self._begun)
+        """Whether a compilation is in progress, perhaps for a request that was cancelled."""
+        return self._executed is not None and self._executed.compiling
 
-    def poll(self) -> PreparedRun | None:
-        """Execute the commands that wait; return the run that is ready, once, or None."""
+    def poll(self) -> Preparation | None:
+        """Execute the commands that wait; return the preparation whose run is ready, once, or None."""
         while self._commands:
             self._begin(self._commands.popleft())
-        self._close_cancelled()
         finished = self.current
         if finished is None or not finished.done:
             return None
         self.current = None
-        if finished.error is not None:
-            self.refuse(finished.error)
-        return finished.run
+        if finished.run is None:
+            self.refuse(finished)
+        return None if finished.run is None else finished
 
-    def refuse(self, error: Exception) -> None:
-        """Refuse the last request; log an exception that is not the user's."""
-        if not isinstance(error, (InputError, StorageError)):
-            log.error("a request could not be opened", exc_info=error)
-        self.error = error
+    def refuse(self, preparation: Preparation, error: Exception | None = None) -> None:
+        """Refuse a request because of its own or another error; log an exception that is not the user's."""
+        self.error = error or preparation.error
+        if self.error is not None and not isinstance(self.error, (InputError, StorageError)):
+            log.error("a request could not be opened", exc_info=self.error)
+        self._call(lambda: preparation.then(None))
 
-    def close(self, timeout: float = 1.0, compile_timeout: float = COMPILE_TIMEOUT) -> None:
-        """End the threads and close the sessions that are not shown.
+    def close(self, timeout: float = 1.0) -> None:
+        """End the thread, and the session that is not shown; wait at most `timeout`, s, longer for a compilation.
 
-        Wait at most `timeout` for the preparation and `compile_timeout` for compilations, s, which cannot be
-        interrupted. A preparation that continues does no harm, since files of the cache are moved to their place when
-        they are complete. A compilation that continues may crash the interpreter at its exit.
+        A compilation that continues may crash the interpreter at its exit. A simulation that continues does no harm,
+        since files of the cache are moved to their place when they are complete.
         """
         self._begin(None)
-        self._worker.close(timeout)
-        end = time.perf_counter() + compile_timeout
-        for one in self._begun:
-            if one.warmup is not None:
-                one.warmup.close(max(end - time.perf_counter(), 0.0))
-        self._close_cancelled()
+        self._worker.close(COMPILE_TIMEOUT if self.compiling else timeout)
 
-    def _begin(self, request: OpenRequest | None) -> None:
-        if self.current is not None:
-            self.current.stop = True
-        self.current, self.error = None, None
-        if request is not None:
-            self.current = Preparation(request)
-            self._begun.append(self.current)
-            self._worker.request(self.current)
-
-    def _close_cancelled(self) -> None:
-        """Close sessions that were ready before they were cancelled, and forget preparations that have ended."""
-        for one in self._begun:
-            if one.done and one.stop and one.run is not None:
-                one.run.close(0.0)
-            if one.done and one.warmup is not None and not one.compiling:
-                one.warmup.close(0.0)
-        self._begun = [one for one in self._begun if not one.done or one.compiling]
+    def _begin(self, preparation: Preparation | None) -> None:
+        if (before := self.current) is not None:
+            before.cancel()
+            self._call(lambda: before.then(None))
+        self.current, self.error = preparation, None
+        if preparation is not None:
+            self._worker.request(preparation)

@@ -31,7 +31,7 @@ from .binding import Binding
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
 from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
-from .panels import SessionFolders, Tabs
+from .panels import Panels, Tabs
 from .prepare import DisplayFrame, PreparedRun
 from .scene3d import SceneNodes
 from .scheduler import Memo, Scheduler
@@ -181,7 +181,7 @@ log = logging.getLogger(__name__)
 class Viewer:
     """Owns the controls, the background threads and the picture of one session.
 
-    `folders` hold the controls, and `nodes` show the picture. `open_other` opens another session in place of this one;
+    `panels` hold the controls, and `nodes` show the picture. `open_other` opens another session in place of this one;
     `before` are the choices of the session that was shown before, or None; `wake` makes the main loop update the page
     at once. InputError if the request of the run has choices that are not possible.
 
@@ -194,16 +194,16 @@ class Viewer:
         self,
         server: viser.ViserServer,
         run: PreparedRun,
-        folders: SessionFolders,
+        panels: Panels,
         nodes: SceneNodes,
         open_other: Callable[[OpenRequest], None] = lambda request: None,
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
     ):
-        self.run, self.nodes, self._folders, self._server = run, nodes, folders, server
+        self.run, self.nodes, self._panels, self._server = run, nodes, panels, server
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
         call = server.get_event_loop().call_soon_threadsafe
-        self.binding = Binding(folders.gui, run, modes, open_other, before, wake, call)
+        self.binding = Binding(panels.gui, run, modes, open_other, before, wake, call)
         self.fault, self._fault_time = "", 0.0
         self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # the view, its time, and its number of costs
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
@@ -220,16 +220,17 @@ class Viewer:
             picture = self._picture.draw(view, choices, self._selected)
             self.snapshot = PageState(view, microphone=self._selected, picture=picture, run=run, choices=choices)
             # This order is the priority of their work on the threads.
-            self.drop = Drop(binding, folders.overlay)
+            self.drop = Drop(binding, panels.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
-            self.tabs = Tabs(folders, binding, nodes.cameras.request)
+            self.tabs = Tabs(panels, binding, nodes.cameras.request)
             self.drop.tabs = self.tabs
             self.tabs.run_bar.refresh()
             nodes.show(picture)
             moves = self.tabs.map.pick, self.drop.move, self.drop.place
-            self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{folders.number}")
+            self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{next(panels.numbers)}")
             binding.threads.session, run.session.notify = run.session, wake
         except BaseException:
+            self.binding.remove()
             self.binding.threads.close(0.0)
             raise
 
@@ -237,21 +238,17 @@ class Viewer:
     def changing(self) -> bool:
         """Whether the screen does not show the newest state, or the state will change without a user."""
         view = self.run.session.view
-        compiles = self.run.warmup is not None and self.run.warmup.busy
         outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
-        return outdated or view.running or compiles or self.tabs.sweep.playing
+        return outdated or view.running or self.tabs.sweep.playing
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
-        self.binding.closed = True
         self.picker.handles.remove()
         self.drop.close()
-        self._folders.remove()
+        self.binding.remove()
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait at most `timeout`, s."""
-        if self.run.warmup is not None:
-            self.run.warmup.close(0.0)  # `SessionSwitcher` waits for a compilation
         self.binding.threads.close(timeout)
 
     def guarded_tick(self, now: float) -> None:
@@ -291,9 +288,8 @@ class Viewer:
             drawn = self._volume(lambda: replace(drawn, volume=brightened(drawn.volume)), drawn)
         self.found = found
         axes = self._ellipses(lambda: ellipses_of(found, frame, newest.state.positions), found)
-        note = self.run.warmup.text if self.run.warmup else ""
         state = PageState(
-            view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, note, found,
+            view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, found,
             axes, assessing, sought, self.run, choices,
         )  # fmt: skip
         with self._server.atomic():  # the cost in the headline and that beside the ball change together
@@ -313,7 +309,7 @@ class Viewer:
             picture = self._picture.draw(state.view, choices, state.microphone, *parts, moving)
             self.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
-            self._folders.overlay.show("legend", legend)
+            self._panels.overlay.show("legend", legend)
             self.picker.show(self._picture.places, picture.floor, self._picture.ball)
             return picture
 

@@ -152,7 +152,6 @@ class PageState:
     reason: str = ""  # why there is no map; "" if it is only not ready
     picture: Any = None  # Picture, on the screen
     fault: str = ""  # an exception of the page, as text
-    note: str = ""  # on work in the background
     found: Assessment | None = None  # of the state, once the solver has finished
     # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; None where `found` has none
     axes: np.ndarray | None = None

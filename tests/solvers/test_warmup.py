@@ -1,9 +1,7 @@
-"""A calibration by the likelihood loads no compiler, and a page tells how far its warm-up is."""
+"""A calibration by the likelihood loads no compiler, and `fdcal warm` says how far it is."""
 
 import subprocess
 import sys
-import threading
-import time
 
 import pytest
 from running import exit_code
@@ -13,8 +11,6 @@ from fdcal.commands import cli
 from fdcal.commands.cli import all_pieces
 from fdcal.model.measurement import save_measurement
 from fdcal.model.scene import load_scene
-from fdcal.viewer import prepare as warmup
-from fdcal.viewer.prepare import Warmup
 
 COMMAND = """
 import atexit, sys
@@ -41,19 +37,6 @@ def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
     done = subprocess.run([sys.executable, "-c", COMMAND, str(tiny_file)], capture_output=True, text=True)
     *_, summary, loaded = done.stdout.splitlines()
     assert "verdict good" in summary and loaded == "[]"
-
-
-def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
-    gate = threading.Event()
-    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: None), ("", gate.wait), ("", lambda: 1 / 0)])
-    monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)
-    made = Warmup(load_scene("tiny"))
-    deadline = time.monotonic() + 60
-    while not made.text.endswith("2 of 3") and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert made.busy and made.text.endswith("2 of 3")
-    gate.set()
-    assert made.close(60.0) and made.text == "", "a piece that fails ends it"
 
 
 def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):

@@ -12,7 +12,7 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.binding import Binding
 from fdcal.viewer.page import Page
-from fdcal.viewer.panels import Panels, SessionFolders, Tabs
+from fdcal.viewer.panels import Panels, Tabs
 from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.scheduler import Scheduler
 from fdcal.viewer.server import hardening
@@ -57,10 +57,10 @@ def work(scene, measurement):
 
 @pytest.fixture
 def controls(server, work):
-    folders, opened = SessionFolders(Panels(server.gui)), []
+    opened = []
     work.session.opened = opened
     binding = Binding(server.gui, work, 6, opened.append)
-    yield Tabs(folders, binding, lambda *_: None), work.session
+    yield Tabs(Panels(server.gui), binding, lambda *_: None), work.session
     binding.threads.close(0.0)
     server.gui.reset()
 
@@ -69,7 +69,7 @@ def controls(server, work):
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would go through the gate, too
-    made = session_view.Viewer(server, work, SessionFolders(Panels(server.gui)), SceneNodes(server))
+    made = session_view.Viewer(server, work, Panels(server.gui), SceneNodes(server))
     yield made
     work.solver.gate.release(99)
     made.close()

@@ -35,7 +35,11 @@ def controls():
     view = SimpleNamespace(state=state(4, 9, False), history=[state()], running=False, error="")
     session = CallRecorder(calls, view=view)
     binding = CallRecorder(
-        calls, session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None)
+        calls,
+        session=session,
+        modes=20,
+        call=lambda act: act(),
+        work=SimpleNamespace(scene=load_scene("tiny"), opening=None),
     )
     return SimpleNamespace(
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([]),
@@ -85,14 +89,16 @@ def test_values_left_out_stay(controls):
 def page(server, controls):
     """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
     made, calls = controls
-    opened = []
+    opened, then = [], []
     place = SimpleNamespace(cameras=SimpleNamespace(request_all=lambda view: calls.append(("view", view))))
-    page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, nodes=place, opened=opened)
+    page = SimpleNamespace(panels=Panels(server.gui), viewer=None, nodes=place, opened=opened)
+    page.open = lambda request, act: (opened.append(request), then.append(act))
     page.switcher = SimpleNamespace(idle=False)
 
     def ready():
         made.binding.run = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
         page.viewer = SimpleNamespace(binding=made.binding, tabs=made)
+        then[-1](page.viewer)
 
     page.ready, page.calls = ready, calls
     yield page

@@ -44,7 +44,7 @@ def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db
 
 
 def legend(viewer):
-    return viewer._folders.overlay._regions["legend"].content
+    return viewer._panels.overlay._regions["legend"].content
 
 
 def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_is_computed(viewer):

@@ -11,6 +11,7 @@ import pytest
 from browsing import WAIT, serving_here
 from doubles import finish, wait_until
 
+from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
@@ -31,7 +32,7 @@ def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypat
         progress(0.4)
         bar = page.panels.overlay._regions["bar"]
         for _ in range(600):
-            if "40 %" in page.status_bar.line.content and page.status_bar.bar.value == 40 and "40 %" in bar.content:
+            if "40 %" in page.panels.line.content and page.panels.bar.value == 40 and "40 %" in bar.content:
                 assert "A &lt; B" in bar.content and "button" not in bar.content, "there is no session yet"
                 raise InputError("scene.key = 1 is wrong; mend it")
             time.sleep(0.02)
@@ -46,18 +47,20 @@ def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypat
 def test_the_room_is_shown_while_the_solver_is_prepared(page_of, scene, monkeypatch):
     """It is shown after the simulation; an array without given positions has no known microphones."""
     page, turn_until = page_of
-    prepare, sound = threading.Event(), cached_measurement(scene)
+    gate, sound = threading.Event(), cached_measurement(scene)
     monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
-    monkeypatch.setattr(preparing.Warmup, "busy", property(lambda warmup: not prepare.is_set()))
+    monkeypatch.setattr(solvers, "warmup_calls", lambda _: [("", gate.wait)])
+    monkeypatch.setattr(preparing, "COMPILE_TIME", 0.0)
     page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
     assert page.nodes.is_empty
     placed = []
     monkeypatch.setattr(page.nodes.cameras, "request_all", placed.append)
     turn_until(lambda: not page.nodes.is_empty)
     assert placed == ["top"], "pages that came before there was anything to see"
+    turn_until(lambda: "Compiling" in page.panels.line.content)
     assert page.viewer is None and "microphones/true" in page.nodes.parts
     assert not any("known" in name or "estimate" in name for name in page.nodes.parts)
-    prepare.set()
+    gate.set()
     turn_until(lambda: page.viewer is not None)
     assert "microphones/estimate" in page.nodes.parts
 
@@ -79,7 +82,7 @@ def test_a_part_of_the_page_that_fails_is_logged_once_and_the_page_goes_on(tiny_
     def failing(*_):
         raise ZeroDivisionError("of this test")
 
-    for part, name in ((page.lessons, "show"), (page.address, "tick"), (page.explore, "show")):
+    for part, name in ((page.lessons, "show"), (page.address, "show"), (page.explore, "show")):
         monkeypatch.setattr(part, name, failing)
     page.viewer.binding.session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
@@ -167,13 +170,13 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(tiny_page, sce
         page.open(OpenRequest(edited(scene, changes), choices=choices))
         turn_until(lambda: page.switcher.error)
         page.tick(0.0)
-        assert page.viewer.binding is before and words in page.status_bar.line.content
-        assert page.status_bar.button.label == "Close"
+        assert page.viewer.binding is before and words in page.panels.line.content
+        assert page.panels.button.label == "Close"
     before.session.step()
     turn_until(lambda: "step 1," in page.viewer.tabs.run_bar.status.content)
     page.switcher.cancel()
     page.tick(0.0)
-    assert not page.status_bar.line.visible and not page.status_bar.button.visible
+    assert not page.panels.line.visible and not page.panels.button.visible
 
 
 def endless(begun, ended):
@@ -199,14 +202,14 @@ def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
     turn_until(lambda: shown.status.visible and "preparing" not in bar.content)
     monkeypatch.setattr(preparing, "cached_measurement", endless(threading.Event(), ended))
     page.open(OpenRequest(scene))
-    turn_until(lambda: "10 %" in page.status_bar.line.content and "class='preparing'" in bar.content)
-    assert page.status_bar.button.label == "Cancel" and page.status_bar.button.visible
+    turn_until(lambda: "10 %" in page.panels.line.content and "class='preparing'" in bar.content)
+    assert page.panels.button.label == "Cancel" and page.panels.button.visible
     assert not shown.status.visible and not shown.verdict.visible, "no old status stands beside the progress"
-    event = SimpleNamespace(client=object(), target=page.status_bar.button)
-    for callback in page.status_bar.button._impl.update_cb:
+    event = SimpleNamespace(client=object(), target=page.panels.button)
+    for callback in page.panels.button._impl.update_cb:
         finish(callback(event))
     turn_until(lambda: page.switcher.current is None)
-    assert ended.wait(WAIT) and page.viewer.binding is before and not page.status_bar.line.visible
+    assert ended.wait(WAIT) and page.viewer.binding is before and not page.panels.line.visible
     page.tick(0.0)
     assert shown.status.visible
 
@@ -262,8 +265,8 @@ def names():
 
 def test_a_compilation_is_waited_for(scene, monkeypatch):
     """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
-    begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-warmup"]
-    monkeypatch.setattr(preparing, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
+    begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-prepare"]
+    monkeypatch.setattr(solvers, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
     switcher = SessionSwitcher()
     switcher.open(OpenRequest(scene))
     switcher.poll()
@@ -271,5 +274,5 @@ def test_a_compilation_is_waited_for(scene, monkeypatch):
     switcher.cancel()
     switcher.poll()
     go_on.set()
-    switcher.close(timeout=WAIT)
-    assert names()["fdcal-warmup"] <= before
+    switcher.close(timeout=0.0)
+    assert names()["fdcal-prepare"] <= before

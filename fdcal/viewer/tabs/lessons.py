@@ -227,7 +227,7 @@ log = logging.getLogger(__name__)
 
 
 class LessonsTab:
-    """Owns the caption, the settings that wait for a scene, and the state of the page before the lesson.
+    """Owns the caption of a lesson, and the state of the page before it.
 
     All methods except `show` run on viser's event loop.
     """
@@ -239,8 +239,8 @@ class LessonsTab:
         self._before: PageBefore | None = None  # the state of the page before the first lesson
         self._returning: PageBefore | None = None  # the state that is being restored after a lesson
         self._requests: list[OpenRequest] = []  # of the lessons since the first
-        # A request, and the function to call with the viewer that shows its scene.
-        self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
+        self._pending: OpenRequest | None = None  # whose scene is being prepared
+        self._then: Callable[[], object] = lambda: None  # called when the step is set
         self._ended: Callable[[SessionView], bool] | None = None  # returns whether the run of the step has ended
         self._panel = ""  # HTML below the text
         self._left_at: dict[str, int] = {}  # number of the step, from 0, at which each lesson was left, by title
@@ -253,11 +253,6 @@ class LessonsTab:
         for command, where in COMMANDS.items():
             overlay.on(command, lambda client, value, where=where: self.go(where))
         self._redraw()
-
-    @property
-    def ready(self) -> bool:
-        """Whether nothing waits for a scene."""
-        return self._pending is None
 
     @property
     def _awaited(self) -> str:
@@ -278,7 +273,7 @@ class LessonsTab:
         if progress.answered and not self._awaited:
             following = NEXT_STEP if progress.moved(1) is not None else title and NEXT_LESSON.format(title)
         waits = "" if self._before is None else WAITS
-        panel = self._panel if self.ready else ""
+        panel = "" if self._pending is not None else self._panel
         return caption_html(progress, self._awaited, waits, self._error, following, panel)
 
     def list_html(self) -> str:
@@ -294,8 +289,8 @@ class LessonsTab:
             )
         return "".join(items) if self._lessons else "<div class='dim'>There are no lessons.</div>"
 
-    def start(self, title: str, number: int = 0) -> None:
-        """Start a lesson, by its title, at a step, counted from 0; ignore any other text."""
+    def start(self, title: str, number: int = 0, then: Callable[[], object] = lambda: None) -> None:
+        """Start a lesson, by its title, at a step, counted from 0; ignore any other text. `then`: as of `open`."""
         viewer, lesson = self._page.viewer, self._lessons.get(title)
         if lesson is None:
             return
@@ -303,12 +298,13 @@ class LessonsTab:
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson, number)
-        self._set_up(fresh=True)
+        self._set_up(True, then)
 
-    def open(self, name: str, number: int | None = None) -> None:
+    def open(self, name: str, number: int | None = None, then: Callable[[], object] = lambda: None) -> None:
         """Show a step of a lesson, by the lesson's name and the step's number from 1; None for where it was left.
 
-        A step that is already shown does not begin again. InputError if there is no such lesson or step.
+        A step that is already shown does not begin again. `then` is called when the step is set. InputError if there is
+        no such lesson or step.
         """
         lesson = next((one for one in self._lessons.values() if name in (one.name, one.title)), None)
         if lesson is None:
@@ -318,8 +314,10 @@ class LessonsTab:
         if not 0 <= at < len(lesson.steps):
             problem = f'there is no step {number} of the lesson "{shown(name)}"'
             raise InputError(problem, f"use 1 to {len(lesson.steps)}", key="step", value=number)
-        if number is None or (self.progress.lesson, self.progress.number) != (lesson, at):
-            self.start(lesson.title, at)
+        if number is not None and (self.progress.lesson, self.progress.number) == (lesson, at):
+            then()
+            return
+        self.start(lesson.title, at, then)
 
     def end(self) -> None:
         """End the lesson, and restore the page as it was before, unless the user has opened something else."""
@@ -331,14 +329,13 @@ class LessonsTab:
                 self._returning = None
                 before.put_back(viewer, self._page.nodes.cameras)
             elif not idle or any(opening is request for request in requests):
-                request, self._returning = before.run.request_of(before.view, before.choices.to_save()), before
-                self._page.open(request)
+                self._returning = before
 
                 def put_back(shown: Viewer) -> None:
                     self._returning = None
                     before.put_back(shown, self._page.nodes.cameras)
 
-                self._pending = request, put_back
+                self._open(before.run.request_of(before.view, before.choices.to_save()), put_back)
 
     def leave(self) -> None:
         """End the lesson without restoring the page, because the user has opened something else."""
@@ -374,9 +371,9 @@ class LessonsTab:
         self.progress = replace(self.progress, choice=number)
         self._set_up()
 
-    def _set_up(self, fresh: bool = False) -> None:
+    def _set_up(self, fresh: bool = False, then: Callable[[], object] = lambda: None) -> None:
         """Set the page for the present step, beginning with the scene; a `fresh` lesson may begin at any step."""
-        progress, self._pending, self._ended, self._error = self.progress, None, None, ""
+        progress, self._pending, self._ended, self._error, self._then = self.progress, None, None, "", then
         self._redraw()
         lesson, step = progress.lesson, progress.step
         if lesson is None or step is None:
@@ -420,15 +417,32 @@ class LessonsTab:
 
         # The controls have their initial values, so that a lesson does not depend on earlier choices.
         request = OpenRequest(scene, start_seed=seed, choices=plain_choices() | {"objective": False})
-        self._page.open(request)
         self._requests.append(request)
-        self._pending = request, apply_all
+        self._open(request, apply_all)
+
+    def _open(self, request: OpenRequest, act: Callable[[Viewer], None]) -> None:
+        """Open a scene, and call `act` with the viewer that shows it, unless another one is wanted by then."""
+
+        def then(shown: Viewer | None) -> None:
+            if self._pending is not request:
+                return
+            self._pending = None
+            if shown is None:  # the scene was refused or cancelled, or the user has opened another one
+                self._returning = None
+            else:
+                with self._guarded():
+                    act(shown)
+            self._redraw()
+
+        self._pending = request
+        self._page.open(request, then)
         self._redraw()
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
         """Wait for the end of the run of a setting, if it has one, before question, explanation and marks are shown."""
         self._ended = end_of_run(setting, before, restarts) if setting.run else None
         self._rest(viewer)
+        self._then()
 
     def _rest(self, viewer: Viewer) -> None:
         """Mark the microphones that the step names, unless it still waits."""
@@ -437,36 +451,18 @@ class LessonsTab:
         viewer.binding.choose(marks=marks)
         self._redraw()
 
-    def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
-        """Apply the settings that wait for a scene when it is shown; called by the main loop.
-
-        `call` runs a function on viser's event loop.
-        """
-        pending, viewer = self._pending, self._page.viewer
-        if pending is None and viewer is not None and self.progress.lesson is not None:
-            if self._ended is not None and self._ended(viewer.binding.session.view):
-                self._ended = None
-                call(lambda: self._rest(viewer))
-            panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
-            if panel != self._panel:
-                self._panel = panel
-                call(self._redraw)
-        if pending is None:
+    def show(self) -> None:
+        """Follow the run whose end the step waits for, and its panel; called by the main loop."""
+        viewer = self._page.viewer
+        if viewer is None or self.progress.lesson is None or self._pending is not None:
             return
-        request, act = pending
-        if viewer is not None and viewer.binding.run.opening is request:
-            self._pending = None
-
-            def do() -> None:
-                with self._guarded():
-                    if viewer is self._page.viewer:
-                        act(viewer)
-                    self._redraw()
-
-            call(do)
-        elif self._page.switcher.idle:  # the scene was refused or cancelled, or the user has opened another one
-            self._pending = self._returning = None
-            call(self._redraw)
+        if self._ended is not None and self._ended(viewer.binding.session.view):
+            self._ended = None
+            viewer.binding.call(lambda: self._rest(viewer))
+        panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
+        if panel != self._panel:
+            self._panel = panel
+            viewer.binding.call(self._redraw)
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
