@@ -99,7 +99,7 @@ def watch(log: Watch) -> None:
 
 
 def _watch_sliders(log: Watch) -> None:
-    use, choose = SolverTab.use_modes, MapTab.choose_microphone
+    use, choose = SolverTab.use_modes, MapTab.pick
     drag = MicrophonePicker._drag
 
     def watched_drag(self, event, move):
@@ -110,14 +110,14 @@ def _watch_sliders(log: Watch) -> None:
         log.ask("Last mode", lambda viewer: viewer.snapshot.view.state.last == last)
         use(self, first, last, automatic)
 
-    def choose_microphone(self, number: int) -> None:
+    def pick(self, number: int) -> None:
         log.ask(
             "Microphone",
             lambda viewer: viewer.snapshot.microphone == number and viewer.snapshot.picture.floor is not None,
         )
         choose(self, number)
 
-    SolverTab.use_modes, MapTab.choose_microphone = use_modes, choose_microphone
+    SolverTab.use_modes, MapTab.pick = use_modes, pick
     MicrophonePicker._drag = watched_drag
 
 

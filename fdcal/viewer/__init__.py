@@ -6,9 +6,8 @@ app              serve(): opens the server and the page
 page             what stays while sessions come and go, and the main loop
 session_view     one session on the screen, and its picture
 panels           the run bar and the tabs of one session
-state            what the page shows at one moment, and the choices of its users
+state            what the page shows, the choices of its users, and the controls that change them
 scheduler        the threads of a session, and memos of the last results
-binding          the controls, bound to a session
 html, plots      what the page says, and its plots
 tabs             one module for each tab
 explore, address the face Explore, and the view in the page's address

@@ -128,6 +128,6 @@ class AddressBar:
         if viewer is not None and self._asked is not None:
             (client, asked), self._asked = self._asked, None
             viewer.binding.call(lambda: overlay.guarded(client, lambda: self.open(client, asked)))
-        elif viewer is not None and self._page.switcher.idle and not viewer.tabs.sweep.playing:
+        elif viewer is not None and self._page.switcher.idle and viewer.tabs.sweep.playing is None:
             name = "" if lesson.lesson is None else lesson.lesson.name or lesson.lesson.title
             overlay.show("address", address_of(viewer, name, lesson.number + 1).replace("&", "&amp;"))

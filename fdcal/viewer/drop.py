@@ -34,10 +34,10 @@ from ..graphics.overlays import along, ball_centre
 from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
-from .binding import Binding
 from .cost_maps import CostMap
 from .html import NO_BUTTONS, Overlay
 from .scheduler import Memo
+from .state import Binding
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:

@@ -22,11 +22,10 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest, scene_request
-from .binding import Binding
 from .html import error_message
 from .own_files import OwnFiles
 from .session_view import Viewer
-from .state import PICTURE, VIEWS
+from .state import PICTURE, VIEWS, Binding
 from .tabs.lessons import LessonsTab
 from .tabs.view import KINDS
 
@@ -162,6 +161,7 @@ class Explore:
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
+        add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""
         views = "".join(f"<button class='view' data-do='look={name}'>{name}</button>" for name in VIEWS)
@@ -178,7 +178,7 @@ class Explore:
             f"{_slider(binding, 'state', 'State of the run')}</div>"
             f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed_text(modes)}</output>"
             f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
-            f"<button data-do='sweep'>{'Stop' if sweep.playing else f'Add {rows.lower()} one by one'}</button>"
+            f"<button data-do='sweep'>{add}</button>"
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"
             f"<output>{viewer.snapshot.microphone}</output></label>{views}"
         )

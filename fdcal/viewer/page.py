@@ -65,7 +65,7 @@ class Page:
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tabs["Help"]:
             server.gui.add_html(help.text())
-        help.add_keys(server.gui, self)
+        help.add_keys(server.gui, self.panels.overlay)
         self.own_files = OwnFiles(server, self.open, self.wake.set) if takes_files else None
         self.explore = Explore(self, self.lessons, self.own_files)
         self.address, self._dark = AddressBar(self, self.lessons), False

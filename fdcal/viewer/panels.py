@@ -24,10 +24,9 @@ from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from . import html, tabs
-from .binding import RUN_BAR, Binding, Tab
 from .html import Overlay
 from .prepare import Preparation
-from .state import PageState
+from .state import RUN_BAR, Binding, PageState, Tab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 # The tabs have no icons, for lack of space. A tab with another name is at the right, too.
@@ -99,7 +98,7 @@ def watched_rate(first: float, elapsed: float) -> float:
 class RunBar(Tab):
     """Owns the controls above the tabs: status, verdict, Play or Pause, single steps, the history and the speed."""
 
-    where, order = RUN_BAR, 0
+    part, where, order = "run_bar", RUN_BAR, 0
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
@@ -221,7 +220,7 @@ def default_start(solver: str) -> str:
 class SolverTab(Tab):
     """Owns the controls, and restarts the solver with them."""
 
-    where, order = RUN_BAR, 1
+    part, where, order = "solver", RUN_BAR, 1
 
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
@@ -318,18 +317,18 @@ def tab_kinds() -> tuple[type[Tab], ...]:
 class Tabs:
     """The run bar and the tabs of one session, in the order in which they are made: a later one may use an earlier one.
 
-    Each is an attribute, named as its class: `map` is a MapTab. `place`: function that moves the camera of one browser
+    Each is an attribute: `map` is a MapTab. `place`: function that moves the camera of one browser
     to a view.
     """
 
     def __init__(self, panels: Panels, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
-        self.binding, self._place = binding, place
+        self.binding, self._place, self._raised = binding, place, ""  # the kind of map that `look` has chosen
         binding.tabs = self
         for kind in tab_kinds():
             with panels.tabs[kind.where]:
                 binding.folders.append(folder := panels.gui.add_folder(None))  # not visible, as it has no label
                 with folder:
-                    setattr(self, kind.attribute(), kind(binding))
+                    setattr(self, kind.part, kind(binding))
 
     if TYPE_CHECKING:
 
@@ -339,14 +338,20 @@ class Tabs:
         return (tab for tab in vars(self).values() if isinstance(tab, Tab))
 
     def look(self, client: viser.ClientHandle, view: str) -> None:
-        """Place the camera of one browser; a flat map rises to be seen from the side, and lies down again."""
-        if view in ("close", "top"):
-            (self.map.rise if view == "close" else self.map.lie)()
+        """Place the camera of one browser; a flat map becomes a relief, or isosurfaces, in the view from the side."""
+        kind = self.binding.choices.kind
+        if view == "close" and kind == "flat":
+            self._raised = "volume" if "volume" in self.map.kinds else "relief"
+            self.map.show_as(self._raised)
+        elif view == "top":
+            if kind == self._raised:  # otherwise another kind was chosen in between
+                self.map.show_as("flat")
+            self._raised = ""
         self._place(client, view)
 
     def follow_solver(self) -> None:
         """Show the map of what the method minimises, of the modes in use: on another one a run would look wrong."""
-        self.sweep.pause()
+        self.sweep.playing = None
         self.binding.choose(objective=True)
         if self.binding.choices.modes is not None:
             self.map.choose_modes(None)

@@ -27,7 +27,6 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .binding import Binding
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
 from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
@@ -35,7 +34,7 @@ from .panels import Panels, Tabs
 from .prepare import DisplayFrame, PreparedRun
 from .scene3d import SceneNodes
 from .scheduler import Memo, Scheduler
-from .state import Choices, PageState
+from .state import Binding, Choices, PageState
 
 
 def ellipses_of(
@@ -239,7 +238,7 @@ class Viewer:
         """Whether the screen does not show the newest state, or the state will change without a user."""
         view = self.run.session.view
         outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
-        return outdated or view.running or self.tabs.sweep.playing
+        return outdated or view.running or self.tabs.sweep.playing is not None
 
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""

@@ -1,24 +1,38 @@
-"""The state of the page: a frozen `PageState`, and the frozen `Choices` of its users, which events replace.
+"""The state of the page, and the controls that change it.
 
-A session file holds the choices of `Choices.to_save`.
+`PageState` is what the page shows, `Choices` what its users have chosen. Both are frozen: events replace them. A
+session file holds the choices of `Choices.to_save`.
+
+`Binding` creates the controls of a session. A control, its bounds and its effect are declared together:
+`binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With `command="snr"` the bar of the face Explore and the keys have the
+same effect under that name (`Binding.carry_out`). `server.hardening` drops values that a control cannot have. Callbacks
+are `async`, so that viser runs them in order on its own event loop. None of them blocks. viser sends a property only if
+it differs from what the browsers have.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+import viser
 
 from ..cost.eq7 import ORDER_OFFSET
-from ..graphics.picture import z_range_of
+from ..graphics.picture import row_word, z_range_of
+from ..model.address import Map
 from ..model.measurement import Measurement
-from ..model.validation import InputError
+from ..model.validation import InputError, Reals, convert, require_choice, within
 from ..session.calibration_run import Assessment
 from ..session.lesson import MAX_ORDER_OFFSET
 from ..session.session import SessionView
-from .cost_maps import MAP_KINDS, CostMap, CostMapRequest, MapStyle, map_modes
-from .prepare import PreparedRun
+from ..session.sources import OpenRequest
+from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
+from .html import whole
+from .prepare import DisplayFrame, PreparedRun
+from .scheduler import Memo, Scheduler
 
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
@@ -97,7 +111,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     """Return the choices of a new session: those of its request, and the style of the page before.
 
     `modes`: number of modes that can be in use; `before`: choices of the session that was shown before, or None.
-    InputError if the `choices` of the request have an unknown key or value.
+    InputError if the `choices` of the request, which may come from a file, have an unknown key or value.
     """
     measurement = run.measurement
     free = [n for n in range(measurement.count) if n not in measurement.known]
@@ -108,7 +122,19 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
         kind = "flat" if before.kind in ("shape", "none") else before.kind
         kept = {name: getattr(before, name) for name in KEPT} | vars(before.style) | {"kind": kind}
         choices = replace(choices, **kept)
-    values = {key: _checked(key, value, measurement.count, modes) for key, value in run.opening.choices.items()}
+    kinds: dict[str, Any] = {name: bool for name in SWITCHES} | {
+        "kind": Map,
+        "microphone": Annotated[int, within(0, measurement.count - 1)],
+        "order_offset": Annotated[int, within(0, MAX_ORDER_OFFSET)],
+        "modes": list[Annotated[int, within(1, modes)]],
+    }
+    values = {}
+    for key, value in run.opening.choices.items():
+        if key not in kinds:
+            raise InputError(f"choices.{key} is unknown", f"use {', '.join(kinds)}", key=f"choices.{key}")
+        values[key] = None if key == "modes" and not value else convert(value, kinds[key], f"choices.{key}")
+    if values.get("modes"):
+        values["modes"] = tuple(sorted(set(values["modes"])))
     choices = replace(choices, **(values | {"in_space": has_volume(measurement)}))
     return replace(choices, kind="flat") if choices.kind == "volume" and not choices.in_space else choices
 
@@ -116,28 +142,6 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
 def has_volume(measurement: Measurement) -> bool:
     """Return whether the cost of one microphone can be shown in space."""
     return measurement.array_dimension == 3 and measurement.search is not None
-
-
-def _checked(key: str, value: Any, count: int, modes: int) -> Any:
-    """Return a value of a request's choices, which may come from a file."""
-    whole = value if isinstance(value, int) and not isinstance(value, bool) else -1
-    numbers = list(value) if isinstance(value, (list, tuple)) else []
-    possible = {name: isinstance(value, bool) for name in SWITCHES}
-    possible |= {
-        "kind": value in MAP_KINDS,
-        "microphone": 0 <= whole < count,
-        "order_offset": 0 <= whole <= MAX_ORDER_OFFSET,
-        "modes": value is None or (bool(numbers) and all(isinstance(n, int) and 1 <= n <= modes for n in numbers)),
-    }
-    if possible.get(key):
-        return tuple(sorted(set(numbers))) if numbers else value
-    raise InputError(
-        f"choices.{key} = {value!r} is not possible",
-        f"use kind ({', '.join(MAP_KINDS)}), microphone (0 to {count - 1}), modes (from 1 to {modes}),"
-        f" order_offset (0 to {MAX_ORDER_OFFSET}) or, true or false, {', '.join(SWITCHES)}",
-        key=f"choices.{key}",
-        value=value,
-    )
 
 
 @dataclass(frozen=True)
@@ -169,3 +173,202 @@ class PageState:
     def counted(self) -> np.ndarray:
         """Numbers of the microphones whose errors are averaged and that align a blind array with the truth."""
         return self.run.sought if self.sought is None else self.sought
+
+
+Control = TypeVar("Control")
+
+
+RUN_BAR = "run bar"  # in place of the name of a tab: the controls above all tabs
+
+
+class Tab:
+    """A part of a tab of one session. It creates its controls in `__init__`, and `show` brings them up to date.
+
+    `part`: its name in `Tabs`; `where`: name of the tab; `order`: rank among the parts of all tabs,
+    since a part may use those created before it; `interval`: least time between two updates, s; `plots`: plots of the
+    part, which may still have data to send.
+    """
+
+    part, where, order = "", "", 10
+    interval = 0.0
+    plots: tuple = ()
+    _updated = -math.inf
+
+    def __init__(self, binding: Binding): ...
+
+    def refresh(self) -> None:
+        """Update what depends on choices and values of controls, after the program has set them."""
+
+    def inputs(self, state: PageState) -> tuple:
+        """Return the parts of a state that the tab shows; it is updated when one of them has changed."""
+        return (state,)
+
+    def show(self, state: PageState) -> None:
+        """Bring the tab up to date."""
+
+    def update(self, state: PageState) -> None:
+        """Call `show` if the inputs have changed, at most once per `interval`; called by the main loop."""
+        for plot in self.plots:
+            plot.settle()
+        inputs, memo = self.inputs(state), vars(self).setdefault("_memo", Memo())
+        if state.now - self._updated >= self.interval and memo.get(*inputs) is None:
+            self._updated = state.now
+            self.show(state)
+            memo(lambda: True, *inputs)
+
+
+class Binding:
+    """The session that is shown, the choices made for it, its threads, and the values sent to its controls.
+
+    The callbacks replace `choices` as a whole; the main loop reads it. An object that outlives the session asks the
+    page for the present binding each time (`Page.viewer`).
+
+    `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
+    as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
+    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: the word for a
+    row of the measurement: "mode", or "row" if there are several takes; `sent`: the last values that `send` has sent,
+    by the identity of the control; `frame`: DisplayFrame of the page; `state`: what the page shows; `commands`:
+    controls and their effects by name; `tabs`: Tabs of the session, once they are made.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        run: PreparedRun,
+        modes: int,
+        open_other: Callable[[OpenRequest], None] = lambda request: None,
+        before: Choices | None = None,
+        wake: Callable[[], None] = lambda: None,
+        call: Callable[[Callable[[], object]], object] = lambda function: function(),
+    ):
+        self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
+        self.modes, self.open, self.call = modes, open_other, call
+        self.row, self.frame = row_word(run.measurement), DisplayFrame(run)
+        self.choices, self._wake = initial_choices(run, modes, before), wake
+        self.threads = Scheduler(wake)
+        self.sent: dict[int, object] = {}
+        self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
+        self.folders: list[viser.GuiFolderHandle] = []  # that hold the controls
+        self._removed = False
+        self.commands: dict[str, tuple[Any, Callable[[Any, Any], None]]] = {}
+        self.tabs: Any = None
+        self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
+
+    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False, command: str = "") -> Control:
+        """Call `act(value)` when a client has changed a control, but not when this program has; return the control.
+
+        `of_client`: whether `act(client, value)` is called instead; `command`: name of the control in `commands`.
+        """
+
+        def answer(client: Any, value: Any) -> None:
+            self.session.yield_to_ui()
+            try:
+                act(*([client] if of_client else []), value)
+            except RuntimeError:
+                if not self._removed:
+                    raise
+            self._wake()
+
+        async def respond(event) -> None:
+            if event.client is not None:
+                answer(event.client, event.target.value)
+
+        control: Any = handle
+        if command:
+            self.commands[command] = control, answer
+        (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
+        return handle
+
+    def carry_out(self, client: Any, command: str, text: str = "") -> None:
+        """Do what the control of a command does if it gets the value in `text`; a checkbox is toggled.
+
+        "+1" and "-1" stand for the next and the previous value. InputError if the control cannot have that value.
+        """
+        handle, answer = self.commands[command]
+        options, value = getattr(handle, "options", None), getattr(handle, "value", None)
+        pressed, shift = hasattr(handle, "on_click"), int(text) if text in ("+1", "-1") else 0
+        if options is not None:
+            text = options[(options.index(handle.value) + shift) % len(options)] if shift else text
+            require_choice(command, text, options)
+            value = text
+        elif isinstance(value, bool) and not pressed:
+            value = not value
+        elif hasattr(handle, "max"):
+            value = whole(str(handle.value + shift) if shift else text, handle.min, handle.max)
+        else:
+            value = text
+        if not pressed:
+            self.sent[id(handle)] = handle.value = value
+        answer(client, value)
+
+    # Controls of viser, with their bounds and their effect. Value and visibility may be functions of the choices.
+
+    def _control(
+        self, add: Callable, label: str, *bounds, value, act, visible: Any = True, command: str = "", **options: Any
+    ):
+        now = self.choices
+        first, seen = (one(now) if callable(one) else one for one in (value, visible))
+        handle = add(label, *bounds, initial_value=first, visible=seen, **options)
+        followed = {"value": value, "visible": visible}
+        self._followers += [(handle, name, of) for name, of in followed.items() if callable(of)]
+        return self.on(handle, act, command=command)
+
+    def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
+        return self._control(self.gui.add_slider, label, low, high, step, value=value, act=act, **options)
+
+    def checkbox(self, label: str, value, act: Callable[[Any], object], **options: Any):
+        return self._control(self.gui.add_checkbox, label, value=value, act=act, **options)
+
+    def dropdown(self, label: str, names: tuple[str, ...], value, act: Callable[[Any], object], **options: Any):
+        return self._control(self.gui.add_dropdown, label, names, value=value, act=act, **options)
+
+    def button(self, label: str, act: Callable[[Any], object], command: str = "", **options: Any):
+        return self.on(self.gui.add_button(label, **options), act, command=command)
+
+    def choice(self, label: str, key: str, values: dict[str, Any] | None = None, **options: Any):
+        """Add a control of one of the choices: a list of `values` by their names, or a checkbox for True and False."""
+        if values is None:
+            return self.checkbox(label, lambda of: getattr(of, key), lambda on: self.choose(**{key: on}), **options)
+        names = {value: name for name, value in values.items()}
+        act = lambda name: self.choose(**{key: values[name]})  # noqa: E731
+        return self.dropdown(label, tuple(values), lambda of: names[getattr(of, key)], act, **options)
+
+    def follow(self, handle: Any, **properties: Callable[[Choices], Any]) -> None:
+        """Let properties of a control be functions of the choices from now on."""
+        for name, of in properties.items():
+            setattr(handle, name, of(self.choices))
+            self._followers.append((handle, name, of))
+
+    def choose(self, **changes) -> None:
+        """Change some of the choices, and let the controls follow."""
+        self.choices = replace(self.choices, **changes)
+        for handle, name, of in self._followers:
+            wanted = of(self.choices)
+            if getattr(handle, name) != wanted:
+                setattr(handle, name, wanted)
+        self._wake()
+
+    def remove(self) -> None:
+        """Remove all controls; another session takes the place of this one."""
+        self._removed = True
+        for folder in self.folders:
+            folder.remove()
+
+    @property
+    def positions(self) -> Reals:
+        """The positions of the newest state as the page draws them : (N, D) float64, metres."""
+        return self.frame.positions(self.session.view.state.positions)
+
+    def place(self, microphone: int, place, gesture: int | None = None) -> None:
+        """Move the estimate of a microphone to a place on the page, (2,) or (3,), metres."""
+        place = self.frame.placed(self.session.view.state.positions, microphone, place)
+        self.session.place(microphone, place, gesture)
+
+    def send(self, handle, value) -> None:
+        """Set the value of a control if it differs from the one sent last.
+
+        A caller that enters the user's own value in `sent` keeps this from pulling back a slider that is being dragged.
+        """
+        if id(handle) not in self.sent or self.sent[id(handle)] != value:
+            self.sent[id(handle)] = value
+            handle.value = value

@@ -14,7 +14,7 @@ from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.model.settings import Search
 from fdcal.viewer import plots
-from fdcal.viewer.tabs import spectrum as spectrum_plot
+from fdcal.viewer.tabs import map as spectrum_plot
 
 
 def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():

@@ -10,12 +10,12 @@ from doubles import Recorder, Solver, State, wait_until
 from fdcal.model.measurement import Measurement
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import cost_maps, prepare, session_view
-from fdcal.viewer.binding import Binding
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, Tabs
 from fdcal.viewer.scene3d import SceneNodes
 from fdcal.viewer.scheduler import Scheduler
 from fdcal.viewer.server import hardening
+from fdcal.viewer.state import Binding
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import typing
 from types import SimpleNamespace
 
 import pytest
-from doubles import CallRecorder, State, finish, set_by_client, view_of
+from doubles import State, finish, set_by_client, view_of
 from viser import _messages
 
 from fdcal.assessment.words import state_word
@@ -15,9 +15,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
-from fdcal.viewer.binding import Binding
-from fdcal.viewer.cost_maps import MAP_KINDS
-from fdcal.viewer.state import PageState
+from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
 from fdcal.viewer.tabs.help import KEYS, add_keys
@@ -109,71 +107,46 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
 
 
-@pytest.fixture
-def page():
-    """A page that records what is done to it, and the records."""
-    calls = []
-    view = SimpleNamespace(index=4, state=SimpleNamespace(last=3))
-    binding = CallRecorder(
-        calls, choices=SimpleNamespace(kind=MAP_KINDS[-1], modes=None, log=True, dark=False, trails=True), modes=20,
-        measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
-    )  # fmt: skip
-    microphone = SimpleNamespace(value=15)
-    shown = CallRecorder(calls, "map", microphone=microphone, kinds=MAP_KINDS)
-    sweep = CallRecorder(calls, "sweep", summed=SimpleNamespace(value=3, max=20))
-    viewer = SimpleNamespace(tabs=CallRecorder(calls, binding=binding, map=shown, sweep=sweep), binding=binding)
-    return CallRecorder(calls, viewer=viewer), calls
-
-
-@pytest.fixture
-def keyboard(page):
-    """Function that presses a key by its name."""
-    made = {}
-
-    def add_command(label, hotkey, modifier):
-        name = f"{modifier.capitalize()}+{hotkey}" if modifier else hotkey
-        return SimpleNamespace(on_trigger=lambda act: made.__setitem__(name, act))
-
-    add_keys(SimpleNamespace(add_command=add_command), page[0])
-    return lambda key, client="me": finish(made[key](SimpleNamespace(client=client)))
-
-
-def test_no_key_moves_the_camera_or_is_used_twice_and_help_lists_each_and_every_mark():
-    faces, html = [key.name for key in KEYS], help.text()
-    assert len(set(faces)) == len(faces)
-    assert not {key.key for key in KEYS} & set(CAMERA_KEYS), "viser moves the camera with these"
-    assert {key.key for key in KEYS} <= set(typing.get_args(_messages.HotkeyKey))
-    for key in KEYS:
-        assert f"<b>{key.name}</b>" in html and key.label in html
+def test_no_key_moves_the_camera_and_help_lists_each_and_every_mark():
+    keys, html = {name.rpartition("+")[2] for name in KEYS}, help.text()
+    assert not keys & set(CAMERA_KEYS) and keys <= set(typing.get_args(_messages.HotkeyKey))
+    for name, (label, _) in KEYS.items():
+        assert f"<b>{name}</b>" in html and label in html
     for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "fdcal"):
         assert word in html
 
 
-DONE = {
-    "R": ("carry_out", "me", "play", ""), "N": ("carry_out", "me", "step", "Step"),
-    "G": ("carry_out", "me", "step", "Sweep"), "T": ("carry_out", "me", "step", "Stage"),
-    "X": ("carry_out", "me", "step", "Restart"), "B": ("session.seek", 3), "F": ("session.seek", 5),
-    "M": ("map.pick", 0), "Shift+M": ("map.pick", 14), "O": ("sweep.sum_modes", 4), "I": ("sweep.sum_modes", 2),
-    "P": ("carry_out", "me", "sweep", ""), "U": ("map.choose_modes", None), "V": ("map.show_as", MAP_KINDS[0]),
-    "L": ("choose", ("log", False)), "Y": ("carry_out", "me", "trails", ""), "K": ("carry_out", "me", "dark_page", ""),
-    "1": ("carry_out", "me", "look", "Top"), "2": ("carry_out", "me", "look", "Room"),
-    "3": ("carry_out", "me", "look", "3-D"), "J": ("lessons.go", "Next"), "Shift+J": ("lessons.go", "Back"),
-}  # fmt: skip
+def test_a_key_does_what_its_button_does(tiny_page):
+    """It sends the command of the button, and shows the next or the previous value of a list or a slider."""
+    page, _ = tiny_page
+    binding, overlay, client, pressed = page.viewer.binding, page.panels.overlay, object(), {}
 
+    def add_command(label, hotkey, modifier):
+        name = f"{modifier.capitalize()}+{hotkey}" if modifier else hotkey
+        return SimpleNamespace(on_trigger=lambda act: pressed.__setitem__(name, act))
 
-def test_a_key_does_what_its_button_does(page, keyboard):
-    for key in DONE:
-        keyboard(key)
-    assert page[1] == list(DONE.values())
-    page[1].clear()
-    page[0].viewer.binding.choices.log = False
-    keyboard("L")
-    assert page[1] == [("choose", ("log", True))]
-    page[1].clear()
-    page[0].__dict__["viewer"] = None  # before there is a session
-    for key in DONE:
-        keyboard(key)
-    assert page[1] == []
+    add_keys(SimpleNamespace(add_command=add_command), overlay)
+    press = lambda key: finish(pressed[key](SimpleNamespace(client=client)))  # noqa: E731
+    commands = {command.partition("=")[0] for _, command in KEYS.values()}
+    assert pressed.keys() == KEYS.keys() and commands <= {*binding.commands, *overlay._acts}
+    tabs, last = page.viewer.tabs, binding.measurement.count - 1
+    tabs.map.pick(last - 1)
+    for key, shown in (("M", last), ("M", last), ("Shift+M", last - 1)):
+        press(key)
+        assert binding.choices.microphone == tabs.map.microphone.value == shown
+    for key, modes in (("I", 19), ("I", 18), ("O", 19), ("U", None)):
+        press(key)
+        assert binding.choices.modes == (modes and tuple(range(1, modes + 1)))
+    for kind in (*tabs.map.kinds[1:], tabs.map.kinds[0]):
+        press("V")
+        assert binding.choices.kind == kind
+    for key, name in (("L", "log"), ("Y", "trails"), ("K", "dark")):
+        before = getattr(binding.choices, name)
+        press(key)
+        assert getattr(binding.choices, name) is not before
+    page.viewer = None  # before there is a session
+    for key in KEYS:
+        press(key)
 
 
 def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):

@@ -19,11 +19,10 @@ from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import drop as drop_module
-from fdcal.viewer.binding import Binding
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
-from fdcal.viewer.state import Choices
+from fdcal.viewer.state import Binding, Choices
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 HERE = (1.2, 2.2, 0.0)  # the middle of the search domain

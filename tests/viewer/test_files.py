@@ -24,9 +24,8 @@ from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer import prepare
-from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import CostMapWorker
-from fdcal.viewer.state import Choices, PageState, initial_choices
+from fdcal.viewer.state import Binding, Choices, PageState, initial_choices
 from fdcal.viewer.tabs import view as exports
 from fdcal.viewer.tabs.map import LABELS, MapTab, caption
 from fdcal.viewer.tabs.view import caption as caption_of
@@ -65,11 +64,10 @@ def test_every_page_gets_its_file(viewer, saving, monkeypatch):
     made, client, notifications, got = saving
     gate, count = threading.Event(), exports.MAX_WAITING + 9
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
-    viewer.binding.choose(export_kind="gated")
     for number in range(count):
         run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=f"{number}"))
         viewer.binding.state = dataclasses.replace(viewer.snapshot, run=run)
-        made.save(client)
+        made.save(client, "gated")
     gate.set()
     assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
     assert len(got) >= exports.MAX_WAITING and got == [f"fdcal-{number}-step-0.x" for number in range(len(got))]
@@ -83,8 +81,7 @@ def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monk
         raise OSError("disk full")
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
-    viewer.binding.choose(export_kind="broken")
-    made.save(client)
+    made.save(client, "broken")
     assert made.worker.wait_for(lambda _: not made.worker.busy, WAIT)
     ((title, body, *_),) = notifications
     assert title == "The file could not be made" and "disk full" in body
@@ -123,7 +120,7 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         view = view_of([dataclasses.replace(end, positions=positions)])
         run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
         page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
-        assert said in caption(first(CostMapWorker(run, threads), page.map_request, False), run.measurement)
+        assert said in caption(run, first(CostMapWorker(run, threads), page.map_request, False))
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
@@ -189,7 +186,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
     place = fine.volume.minima.lowest[0]
     assert np.linalg.norm(place - space.run.measurement.positions[MICROPHONE]) < 0.05
     assert np.linalg.norm(np.subtract(coarse.volume.minima.lowest[0], place)) < 0.05
-    assert fine.volume.text in caption(fine, space.run.measurement) and "dB" in fine.volume.text
+    assert fine.volume.text in caption(space.run, fine) and "dB" in fine.volume.text
 
 
 def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, space):

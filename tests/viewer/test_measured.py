@@ -18,11 +18,10 @@ from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.viewer import html
-from fdcal.viewer.binding import Binding
 from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.prepare import DisplayFrame, Preparation
+from fdcal.viewer.state import Binding
 from fdcal.viewer.tabs import map as map_tab
-from fdcal.viewer.tabs import spectrum
 
 
 @contextmanager
@@ -130,7 +129,6 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
     assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
     assert modes_words(takes, 1, 12) == "rows 1–12 of 2 takes, 100–300 Hz"
-    assert "row 12, take 1, <b>300.0 Hz" in spectrum.caption(takes, (1, 12), 400, None)
 
 
 def test_every_place_of_the_source_is_drawn_with_its_take(takes):

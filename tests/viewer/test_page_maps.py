@@ -16,9 +16,8 @@ from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.session_view import Viewer
-from fdcal.viewer.tabs import sweep as sweeping
+from fdcal.viewer.tabs import map as sweeping
 from fdcal.viewer.tabs.map import LABELS
-from fdcal.viewer.tabs.sweep import DOWN
 
 
 def mapped(viewer):
@@ -161,9 +160,9 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     for _ in range(2):  # Play, and pause: the maps are made
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
-    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.folder.visible)
+    turn_until(lambda: "sum of 3 modes" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
-    set_by_client(sweep.order, DOWN)
+    set_by_client(sweep.order, "Highest first")
     set_by_client(sweep.highest, 19)
     turn_until(lambda: sweep.made is not None and 2 <= len(sweep.made.frames) < 19)
     made = sweep.made
@@ -191,5 +190,5 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
         n, offset = viewer.snapshot.microphone, binding.choices.map_order
         maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
         assert count == len(local_minima(maps.sum(axis=0))), m
-    turn_until(lambda: "sum of 6 modes, 1 to 6" in sweep.text.content)
+    turn_until(lambda: "sum of 6 modes" in viewer.tabs.map.caption.content)
     assert len(sweep._plot.data[0]) == 6

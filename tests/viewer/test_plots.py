@@ -10,10 +10,8 @@ from viser import uplot
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.session.session import StateCosts
 from fdcal.viewer import html, plots
-from fdcal.viewer.binding import Binding
-from fdcal.viewer.state import PageState
+from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import map
-from fdcal.viewer.tabs import spectrum as spectrum_plot
 from fdcal.viewer.tabs.curves import CurvesTab
 
 
@@ -89,9 +87,10 @@ def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history
 
 def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     binding = Binding(server.gui, work, 6)
-    map_, tab = map.MapTab(binding), spectrum_plot.SpectrumPanel(binding)
+    map_, tab = map.MapTab(binding), map.SpectrumTab(binding)
     map_.choose_modes([2])
     tab.show(PageState(work.session.view))
+    assert "140.0 Hz" in tab.text.content and "3 functions for 10" in tab.text.content
     data = tab.plot.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
     x, curve, outside, inside, limit = data
@@ -106,6 +105,11 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
     inner = tab.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
+    assert "beyond" not in tab.text.content
+    map_.choose_modes([1, 6])
+    spread = State(10 * work.measurement.positions)  # which resolves lower frequencies only
+    tab.show(PageState(view_of([spread])))
+    assert "beyond" in tab.text.content and "300.0 Hz" in tab.text.content
     server.gui.reset()
 
 

@@ -28,7 +28,7 @@ from fdcal.viewer import panels, prepare
 from fdcal.viewer.explore import Explore
 from fdcal.viewer.html import CONTROLS, DOUBTFUL, FAULTY, GOOD, status, verdict_html
 from fdcal.viewer.session_view import VERDICT_DELAY, VerdictWorker, ellipses_of
-from fdcal.viewer.tabs import microphones, spectrum
+from fdcal.viewer.tabs import microphones
 from fdcal.viewer.tabs.microphones import given_table
 
 
@@ -158,12 +158,6 @@ def test_microphones_are_listed_by_descending_error(measurement):
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
     assert "error<br>(mm)" in html and html.count("known") == 3
     assert "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2], "the one that is chosen"
-
-
-def test_modes_beyond_f_max_give_a_warning(measurement):
-    assert "beyond" not in spectrum.caption(measurement, (1, 2), 500, 3)
-    html = spectrum.caption(measurement, (1, 6), 299, 3)
-    assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 
 def test_the_status_shows_units_and_the_state_of_the_solver(measurement):

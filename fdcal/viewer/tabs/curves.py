@@ -11,9 +11,8 @@ from viser import uplot
 
 from ...graphics.picture import row_word
 from ...model.validation import evenly_spaced
-from ..binding import Binding, Tab
 from ..plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
-from ..state import PageState
+from ..state import Binding, PageState, Tab
 
 MAX_POINTS = 600  # of a plot, all of which are sent each time
 ZERO = 1e-9  # mm, drawn below the axis in place of an error of zero, which has no logarithm
@@ -30,7 +29,7 @@ REMARK = (
 class CurvesTab(Tab):
     """Owns the plots and their numbers; `error` is the plot of the position errors, or None if they are unknown."""
 
-    where = "Curves"
+    part, where = "curves", "Curves"
     interval = 0.25
 
     def __init__(self, binding: Binding):

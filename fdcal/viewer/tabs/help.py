@@ -4,102 +4,55 @@ Each shortcut is also in the browser's palette of commands, Ctrl+K. viser moves 
 arrows, so none of them is used here. A key does nothing while a text is typed.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from html import escape
+from typing import Any
 
 import viser
-from viser._messages import HotkeyKey, KeyModifier
 
 from ...graphics.marks import MARKS as DRAWN
 from ...model.room import MEASURED_AND_MODELLED
-from ..html import CARD, legend
-from .lessons import BACK, NEXT
+from ..html import CARD, Overlay, legend
+
+KEYS = {  # by the name of the key: what it does, and the command of a control or of the page
+    "R": ("Play or pause", "play"),
+    "N": ("One step", "step=Step"),
+    "G": ("One sweep", "step=Sweep"),
+    "T": ("One stage", "step=Stage"),
+    "X": ("Restart", "step=Restart"),
+    "B": ("Previous state", "state=-1"),
+    "F": ("Next state", "state=+1"),
+    "M": ("Map of the next microphone", "microphone=+1"),
+    "Shift+M": ("Map of the previous microphone", "microphone=-1"),
+    "O": ("One more mode in the map", "modes=+1"),
+    "I": ("One mode less in the map", "modes=-1"),
+    "P": ("Add modes one by one, or stop", "sweep"),
+    "U": ("Map of the modes in use", "map_modes=solver"),
+    "V": ("Flat map, relief, mode shape, isosurfaces, no map", "kind=+1"),
+    "L": ("Logarithmic or linear scale", "scale=+1"),
+    "Y": ("Trails", "trails"),
+    "K": ("Dark or light page", "dark_page"),
+    "H": ("Lecture mode: large type, panels folded away", "lecture"),
+    "1": ("Plan view", "look=Top"),
+    "2": ("Whole room", "look=Room"),
+    "3": ("3-D view of the array", "look=3-D"),
+    "J": ("Next step of the lesson", "next"),
+    "Shift+J": ("Previous step of the lesson", "back"),
+}
 
 
-@dataclass(frozen=True)
-class Key:
-    """A keyboard shortcut."""
+def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
+    """Add the shortcuts to every browser that opens the page."""
 
-    key: HotkeyKey  # as viser names it
-    label: str  # what it does
-    # a command of the controls, as "step=Sweep", or a function of the page and the client that pressed the key
-    act: str | Callable
-    modifier: KeyModifier | None = None  # "shift" or None
+    async def act(command: str, event) -> None:
+        if event.client is not None:
+            overlay.receive(event.client, f"key {command}")
 
-    @property
-    def name(self) -> str:
-        """The shortcut as it is written, for example "Shift+M"."""
-        return f"{self.modifier.capitalize()}+{self.key}" if self.modifier else self.key
-
-
-def _seek(shift: int, page, _) -> None:
-    """Show another state of the history."""
-    session = page.viewer.binding.session
-    session.seek(session.view.index + shift)
-
-
-def _next_microphone(shift: int, page, _) -> None:
-    tabs = page.viewer.tabs
-    tabs.map.pick((int(tabs.map.microphone.value) + shift) % tabs.binding.measurement.count)
-
-
-def _more_modes(shift: int, page, _) -> None:
-    """Show the map of one mode more, or one less."""
-    sweep = page.viewer.tabs.sweep
-    sweep.sum_modes(min(max(int(sweep.summed.value) + shift, 1), sweep.summed.max))
-
-
-def _next_kind(page, _) -> None:
-    tab = page.viewer.tabs.map
-    tab.show_as(tab.kinds[(tab.kinds.index(page.viewer.binding.choices.kind) + 1) % len(tab.kinds)])
-
-
-KEYS = (
-    Key("R", "Play or pause", "play"),
-    Key("N", "One step", "step=Step"),
-    Key("G", "One sweep", "step=Sweep"),
-    Key("T", "One stage", "step=Stage"),
-    Key("X", "Restart", "step=Restart"),
-    Key("B", "Previous state", partial(_seek, -1)),
-    Key("F", "Next state", partial(_seek, 1)),
-    Key("M", "Map of the next microphone", partial(_next_microphone, 1)),
-    Key("M", "Map of the previous microphone", partial(_next_microphone, -1), "shift"),
-    Key("O", "One more mode in the map", partial(_more_modes, 1)),
-    Key("I", "One mode less in the map", partial(_more_modes, -1)),
-    Key("P", "Add modes one by one, or stop", "sweep"),
-    Key("U", "Map of the modes in use", lambda page, _: page.viewer.tabs.map.choose_modes(None)),
-    Key("V", "Flat map, relief, mode shape, isosurfaces, no map", _next_kind),
-    Key(
-        "L",
-        "Logarithmic or linear scale",
-        lambda page, _: page.viewer.binding.choose(log=not page.viewer.binding.choices.log),
-    ),
-    Key("Y", "Trails", "trails"),
-    Key("K", "Dark or light page", "dark_page"),
-    Key("H", "Lecture mode: large type, panels folded away", "lecture"),
-    Key("1", "Plan view", "look=Top"),
-    Key("2", "Whole room", "look=Room"),
-    Key("3", "3-D view of the array", "look=3-D"),
-    Key("J", "Next step of the lesson", lambda page, _: page.lessons.go(NEXT)),
-    Key("J", "Previous step of the lesson", lambda page, _: page.lessons.go(BACK), "shift"),
-)
-
-
-def add_keys(gui: viser.GuiApi, page) -> None:
-    """Add the shortcuts, which act on the page, to every browser that opens it."""
-
-    async def act(key: Key, event) -> None:
-        if event.client is None or page.viewer is None:
-            return
-        if isinstance(key.act, str):
-            page.carry_out(event.client, *key.act.partition("=")[::2])
-        else:
-            key.act(page, event.client)
-
-    for key in KEYS:
-        gui.add_command(key.label, hotkey=key.key, modifier=key.modifier).on_trigger(partial(act, key))
+    for name, (label, command) in KEYS.items():
+        shift, _, key = name.rpartition("+")
+        hotkey: Any = key
+        added = gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None)
+        added.on_trigger(partial(act, command))
 
 
 NUMBERS = {
@@ -135,7 +88,7 @@ def text() -> str:
     """Return the contents of the tab as HTML."""
     marks = f"{legend(mark for mark in DRAWN.values() if mark.text)}<div style='{CARD}'>{MARKS}</div>"
     sections: dict[str, str | dict[str, str]] = {
-        "Keys": {key.name: escape(key.label) for key in KEYS},
+        "Keys": {name: escape(label) for name, (label, _) in KEYS.items()},
         "Mouse": MOUSE,
         "Marks": marks,
         "Numbers": NUMBERS,

@@ -147,9 +147,9 @@ class PageBefore:
 def controls_of(viewer: Viewer) -> dict[tuple[str, str], Any]:
     """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
     return {
-        (tab, name): handle
-        for tab, owner in vars(viewer.tabs).items()
-        for name, handle in vars(owner).items()
+        (tab.part, name): handle
+        for tab in viewer.tabs
+        for name, handle in vars(tab).items()
         if isinstance(handle, viser.GuiInputHandle)
     }
 

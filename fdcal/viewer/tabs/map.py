@@ -1,69 +1,82 @@
-"""The tab Map: the microphone and the modes of the map, and how it is drawn."""
+"""The tab Map: microphone, modes and kind of the map, its modes added one by one, and the power spectrum.
 
-from collections.abc import Callable
+A sweep adds modes to the map from the lowest up, or from a high one down, and counts the local minima on the way. Its
+maps are computed on a thread, on the same fine lattice as the maps that the page shows when nothing changes, so that
+they have the same local minima.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+import viser
+from viser import uplot
 
-from ...acoustics.dictionary import max_order
+from ...acoustics.dictionary import array_f_max, max_order
+from ...cost.maps import partial_sums, refined
 from ...graphics.picture import row_word
 from ...model.address import SOLVER
 from ...model.measurement import Measurement
+from ...model.problem import mode_power
 from ...model.validation import InputError, modes_text, parse_modes
 from .. import html
-from ..binding import Binding, Tab
-from ..cost_maps import MAP_KINDS, CostMap, count_label, modes_label
+from ..cost_maps import (
+    MAP_KINDS,
+    CostMap,
+    CostMapRequest,
+    MapStyle,
+    carried_modes,
+    cost_map,
+    count_label,
+    map_modes,
+    modes_label,
+    row_label,
+)
+from ..plots import BLUE, ORANGE, RED, Plot, dots
 from ..prepare import PreparedRun
 from ..scheduler import Memo
-from ..state import MAX_ORDER_OFFSET, Choices, PageState, has_volume
+from ..state import MAX_ORDER_OFFSET, Binding, Choices, PageState, Tab, has_volume
 
 
-def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
-    """Return the orders of the modes of a map of Eq. 7, as "order L = 3 to 8, ceil(k R) + 2"; "" for others."""
-    if drawn is None or drawn.request.order_offset is None or run.problem.search is None:
-        return ""
-    k = run.problem.wavenumbers[np.asarray(drawn.request.modes) - 1]
-    orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
-    low, high = int(orders.min()), int(orders.max())
-    text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
-    last, word = drawn.request.state.last, row_word(run.measurement)
-    if drawn.request.custom_modes or drawn.request.modes[-1] == last:
-        return text
-    count, used = len(drawn.request.modes), last + 1 - drawn.request.state.first
-    higher = f"the higher ones have too many functions for {run.measurement.count} microphones"
-    return f"{text}; {count} of the {used} {word}s that the solver uses: {higher}"
-
-
-def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
-    """Return the caption of a map as HTML: its local minima, the cost at the estimated position, the lowest cost.
-
-    `orders`: those of the modes, in words.
-    """
-    if drawn is None:
-        return ""
-    request, found = drawn.request, drawn.minima
+def caption(run: PreparedRun, drawn: CostMap) -> str:
+    """Return the caption of a map as HTML: its local minima, the costs, and the orders of the modes."""
+    request, found, measurement = drawn.request, drawn.minima, run.measurement
     if found is None:
         text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
         return f"<div style='{html.CARD}'>{text}</div>"
-    minima = "no local minimum" if not found.count else f"{found.count} local minim{'um' if found.count == 1 else 'a'}"
-    several, modes = len(request.modes) > 1, request.modes
-    what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
-    here, lowest = map(drawn.text_of, (drawn.cost_here, drawn.lowest))
-    cost = f"cost at the estimate <b>{here}</b>"
+    modes, marked = request.modes, request.style.minima
+    several, single = f"sum of {count_label(measurement, modes)}", f"{modes_label(measurement, modes)} alone"
+    what = f"microphone {request.microphone}, {several if len(modes) > 1 else single}"
+    if marked:
+        minima = {0: "no local minimum", 1: "1 local minimum"}.get(found.count, f"{found.count} local minima")
+        what += f": <b>{minima}</b> in the map"
+    cost = f"cost at the estimate <b>{drawn.text_of(drawn.cost_here)}</b>"
     if drawn.base is not None:
         at_lowest = drawn.cost_here <= drawn.lowest
         cost = "the estimate is at the lowest place of the map" if at_lowest else f"{cost} above the lowest"
-    what = f"microphone {request.microphone}, {what}"
-    what += f": <b>{minima}</b> in the map" if request.style.minima else ""
-    if found.end is not None and drawn.base is None:
-        lowest = f"below {drawn.text_of(found.end)}"
-    places = f" at {len(found.lowest)} places" if len(found.lowest) > 1 else ""
-    lowest = f", lowest {lowest}{places}" if request.style.minima and drawn.base is None else ""
-    orders = f"<br>{orders}" if orders else ""
-    orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
-    return f"<div style='{html.CARD}'>{what}<br>{cost}{lowest}{orders}</div>"
+    elif marked:
+        lowest = drawn.text_of(drawn.lowest) if found.end is None else f"below {drawn.text_of(found.end)}"
+        cost += f", lowest {lowest}" + (f" at {len(found.lowest)} places" if len(found.lowest) > 1 else "")
+    lines = [what, cost]
+    if drawn.volume is not None and drawn.volume.text:
+        lines.append(drawn.volume.text)
+    if request.order_offset is not None and run.problem.search is not None:  # a map of Eq. 7
+        k = run.problem.wavenumbers[np.asarray(modes) - 1]
+        orders = max_order(k, run.problem.search.radius, request.order_offset)
+        low, high = int(orders.min()), int(orders.max())
+        text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {request.order_offset}"
+        used = request.state.last + 1 - request.state.first
+        if not request.custom_modes and request.state.last not in modes:
+            text += f"; {len(modes)} of the {used} {row_word(measurement)}s that the solver uses: the higher ones have"
+            text += f" too many functions for {measurement.count} microphones"
+        lines.append(text)
+    return f"<div style='{html.CARD}'>{'<br>'.join(lines)}</div>"
 
 
-LINEAR, LOG = "Linear", "Logarithmic"
+SCALES = {"Logarithmic": True, "Linear": False}
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 LABELS = {
@@ -73,30 +86,27 @@ LABELS = {
 
 
 class MapTab(Tab):
-    """Owns the controls of the tab, each of which is visible if it has an effect on the kind of map.
+    """Owns the controls of the map, each of which is visible if it has an effect on the kind of map.
 
     `kinds`: the kinds of map that are possible.
     """
 
-    where, order = "Map", 1
+    part, where, order = "map", "Map", 1
 
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
-        self._caption, self._risen = Memo(), ""  # `_risen` is the kind of map that `rise` has chosen
+        self._caption = Memo()
         self.kinds = tuple(kind for kind in MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
-        labels = {LABELS[kind]: kind for kind in self.kinds}
-        choices, row, choose = binding.choices, binding.row, binding.choose
+        choices, row = binding.choices, binding.row
 
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
             return lambda choices: self._possible and choices.kind in kinds
 
         mapped, of_cost = of_kind(*MAP_KINDS[:-1]), of_kind("flat", "relief", "volume")
-        self.kind = binding.dropdown(
-            "Show", tuple(labels), lambda choices: LABELS[choices.kind], lambda label: self.show_as(labels[label]),
-            visible=self._possible,
-        )  # fmt: skip
+        labels = {LABELS[kind]: kind for kind in self.kinds}
+        self.kind = binding.choice("Show", "kind", labels, visible=self._possible, command="kind")
         self.microphone = binding.slider(
-            "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.choose_microphone,
+            "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.pick,
             command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
         )  # fmt: skip
         self.follow = binding.checkbox(
@@ -108,40 +118,33 @@ class MapTab(Tab):
                 f"{row.title()} numbers", SOLVER if choices.modes is None else modes_text(choices.modes),
                 hint=f'Of the map, for example 1-3, 5; "{SOLVER}" for those that the solver uses',
             ),
-            self._read,
+            self._read, command="map_modes",
         )  # fmt: skip
         binding.follow(self.text, visible=mapped)
         self.caption = binding.gui.add_html("")
         with binding.gui.add_folder("Scale and quantity", expand_by_default=False):
-            self.quantity = binding.dropdown(
-                "Quantity", (OBJECTIVE, EQ7), lambda choices: OBJECTIVE if choices.objective else EQ7,
-                lambda value: choose(objective=value == OBJECTIVE),
+            self.quantity = binding.choice(
+                "Quantity", "objective", {OBJECTIVE: True, EQ7: False},
                 visible=lambda choices: of_cost(choices) and not choices.volume,
                 hint="Eq. 7 at one order is the same for all methods",
             )  # fmt: skip
             self.order = binding.slider(
                 "Extra orders", 0, MAX_ORDER_OFFSET, 1, lambda choices: choices.order_offset,
-                lambda value: choose(order_offset=value),
+                lambda value: binding.choose(order_offset=value),
                 visible=lambda choices: of_cost(choices) and choices.map_order is not None,
                 hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
             )  # fmt: skip
-            self.scale = binding.dropdown(
-                "Scale", (LOG, LINEAR), lambda choices: LOG if choices.log else LINEAR,
-                lambda value: choose(log=value == LOG), visible=of_kind("flat", "relief", "volume"),
-            )  # fmt: skip
-            self.minima = binding.checkbox(
-                "Mark minima", lambda choices: choices.minima, lambda value: choose(minima=value), visible=mapped,
+            self.scale = binding.choice("Scale", "log", SCALES, visible=of_cost, command="scale")
+            self.minima = binding.choice(
+                "Mark minima", "minima", visible=mapped,
                 hint="Mark and count the local minima; of a mode shape, where the microphone would measure the same",
             )  # fmt: skip
 
-    def choose_microphone(self, number: int) -> None:
-        """Show the map of a microphone, and stop following the solver."""
-        self._binding.choose(microphone=number, follow=False)
-
     def pick(self, number: int) -> None:
-        """Show the map of a microphone that was chosen outside of the tab; the number is clipped to the array."""
-        self.choose_microphone(min(max(number, 0), self._binding.measurement.count - 1))
-        self.microphone.value = self._binding.choices.microphone
+        """Show the map of a microphone, the last one for a larger number, and stop following the solver."""
+        number = min(max(number, 0), self._binding.measurement.count - 1)
+        self._binding.choose(microphone=number, follow=False)
+        self.microphone.value = number
 
     def follow_solver(self, follow: bool) -> None:
         """Show the microphone that the next step moves, or stay with the present one."""
@@ -153,42 +156,392 @@ class MapTab(Tab):
         self._binding.choose(modes=modes, modes_error="")
         self.text.value = SOLVER if modes is None else modes_text(modes)
 
-    def _read(self, text) -> None:
+    def _read(self, text: str) -> None:
         """Show the map of the modes that a text names; for an invalid text, show only the error."""
         try:
             modes = None if text == SOLVER else parse_modes(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(modes_error=html.error_message(error))
-            return
-        self._binding.choose(modes=modes, modes_error="")
+        else:
+            self._binding.choose(modes=modes, modes_error="")
 
     def show_as(self, kind: str) -> None:
         """Show a kind of map, or a flat map if that kind is not possible."""
         self._binding.choose(kind=kind if kind in self.kinds else "flat")
 
-    def show_some(self) -> None:
-        """Show a flat map if no map is shown."""
-        if self._binding.choices.kind == "none":
-            self.show_as("flat")
-
-    def rise(self) -> None:
-        """Replace a flat map by isosurfaces, or by a relief for a plane array."""
-        if self._binding.choices.kind == "flat":
-            self._risen = "volume" if "volume" in self.kinds else "relief"
-            self.show_as(self._risen)
-
-    def lie(self) -> None:
-        """Show the flat map again after `rise`, unless another kind was chosen in between."""
-        if self._binding.choices.kind == self._risen:
-            self.show_as("flat")
-        self._risen = ""
-
     def show(self, tick: PageState) -> None:
         """Update the microphone and the caption."""
-        binding, run, choices, drawn = self._binding, self._binding.run, self._binding.choices, tick.drawn
+        binding, choices, drawn = self._binding, self._binding.choices, tick.drawn
         if not choices.follow and choices.microphone == tick.microphone:
             binding.sent[id(self.microphone)] = tick.microphone  # set by the user, who may still be dragging the slider
         binding.send(self.microphone, tick.microphone)
         reason = NO_SEARCH if not self._possible else "computing the map ..." if choices.kind != "none" else "no map"
-        words = drawn and self._caption(lambda: caption(drawn, run.measurement, orders_text(run, drawn)), drawn)
+        words = drawn and self._caption(lambda: caption(binding.run, drawn), drawn)
         self.caption.content = html.complaint(choices.modes_error) + (words or html.remark(tick.reason or reason))
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The maps of a sweep, which may still grow."""
+
+    request: CostMapRequest  # of its last map, with the modes in the order in which they are added
+    frames: list[CostMap] = field(default_factory=list)  # maps of the first mode, of the first two, and so on
+
+
+@dataclass
+class Playback:
+    """A sweep that plays."""
+
+    next: int = 0  # number of the next map, counted from 0
+    due: float = float("-inf")  # time at which it is shown, s; by default at once
+    shown: tuple[int, ...] | None = None  # modes of the last map that it showed
+
+
+def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
+    """Return the number of `modes` (ascending) if they are the first of a sequence, otherwise 0."""
+    return len(modes) if tuple(sorted(sequence[: len(modes)])) == modes else 0
+
+
+HIDDEN = -1e3  # below a plot, for points without a value: uPlot cannot draw NaN
+ORDERS = {"Lowest first": False, "Highest first": True}  # whether modes are added from the highest down
+RATE, MAX_RATE = 4, 20  # modes per second
+NONE, NEXT = -2, -1  # in place of the number of the state whose sweep is wanted: no state, and the present state
+ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
+
+
+class SweepTab(Tab):
+    """Owns the controls that add modes to the map, the maps of one sweep, and its playback.
+
+    Its callbacks run on viser's event loop, `show` on the main loop. `playing` is the playback, or None.
+    """
+
+    part, where, order = "sweep", "Map", 2
+
+    def __init__(self, binding: Binding):
+        self._binding, self._map, row, modes = binding, binding.tabs.map, binding.row, binding.modes
+        self.worker = binding.threads.job(self._compute)
+        self._sweep: Sweep | None = None
+        self.playing: Playback | None = None
+        self._wanted: CostMapRequest | None = None  # request of the last sweep
+        self._revision, self._curve, self._drawn, self._modes = NONE, Memo(), Memo(), Memo()
+        self._last: CostMap | None = None  # the map that was shown last
+        self._alone, self._label = False, f"Add {row}s one by one"
+        series = (
+            uplot.Series(label="modes"),
+            uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
+            uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
+        )
+        with binding.gui.add_folder(f"Add {row}s"):
+            self.play = binding.button(
+                self._label, lambda _: self.toggle(), icon=viser.Icon.PLUS, command="sweep",
+                hint=f"Add one {row} after the other to the map",
+            )  # fmt: skip
+            self.summed = binding.slider(
+                f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, command="modes",
+                hint=f"How many {row}s the map is the sum of",
+            )  # fmt: skip
+            self.single = binding.checkbox(
+                f"This {row} only", False, lambda single: self.sum_modes(self._count(), single), command="alone",
+                hint=f"The {row} that was added last, in place of the sum",
+            )  # fmt: skip
+            with binding.gui.add_folder("Order and speed", expand_by_default=False):
+                self.order = binding.choice(
+                    "Order", "descending", ORDERS,
+                    hint=f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down",
+                )  # fmt: skip
+                binding.on(self.order, lambda _: self._restart())
+                # the film's scene begins with the highest
+                highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
+                self.highest = binding.slider(
+                    f"Highest {row}", 1, modes, 1, highest, lambda _: self._restart(), hint="Of the whole sum"
+                )
+                self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
+            self.text = binding.gui.add_html(html.remark(ADVICE))
+            self._plot = Plot(
+                binding.gui, "Local minima of the sum", series, f"{row}s summed", height=140, whole=True, legend=False
+            )
+        self.plots = (self._plot,)
+
+    def toggle(self) -> None:
+        """Play from the modes of the map, or stop."""
+        if self.playing is not None:
+            self.playing = None
+            return
+        sequence = self._sequence()
+        after = first_of(sequence, self._binding.choices.modes or ())  # from the beginning after the last map
+        self._revision, self.playing = NEXT, Playback(after % len(sequence))
+        if self._binding.choices.kind == "none":
+            self._map.show_as("flat")
+
+    def sum_modes(self, count: int, alone: bool | None = None) -> None:
+        """Stop, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
+        self._alone, self.playing = self.alone if alone is None else alone, None
+        if self._binding.choices.kind == "none":
+            self._map.show_as("flat")
+        sequence = self._sequence()
+        count = min(count, len(sequence))
+        self._map.choose_modes(sorted(sequence[count - 1 if self._alone else 0 : count]))
+
+    @property
+    def alone(self) -> bool:
+        """Whether the map shows a single mode; the first mode, which is also a sum, does not change the answer."""
+        modes = self._binding.choices.modes
+        if modes != self._sequence()[:1]:
+            self._alone = modes is not None and len(modes) == 1
+        return self._alone
+
+    def _count(self) -> int:
+        """Return the number in the sweep, from 1, of the mode that was added last to the map."""
+        choices, run, sequence = self._binding.choices, self._binding.run, self._sequence()
+        shown = map_modes(run, run.session.view.state, choices.modes, choices.map_order)
+        last = shown[0] if choices.descending else shown[-1]
+        return sequence.index(last) + 1 if last in sequence else len(sequence)
+
+    def _restart(self) -> None:
+        """Show as many modes as before, in another order; a sweep that plays begins again."""
+        again = self.playing is not None
+        self.sum_modes(1 if again else self.summed.value)
+        if again:
+            self.toggle()
+
+    def _sequence(self) -> tuple[int, ...]:
+        """Return the modes that a map can have, in the order in which they are added."""
+        run, choices, highest = self._binding.run, self._binding.choices, self.highest.value
+
+        def modes() -> tuple[int, ...]:
+            usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
+            kept = usable[: max(int(np.searchsorted(usable, highest, "right")), 1)]
+            return kept[::-1] if choices.descending else kept
+
+        return self._modes(modes, choices.map_order, choices.descending, highest)
+
+    # Only the main loop calls the methods below.
+
+    def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
+        """Return the map of the sweep in place of `drawn`, if the sweep has the one that is wanted.
+
+        While it plays, a map stays until the next one is computed.
+        """
+        sweep, style, found, swept = self._sweep, wanted.style, drawn, None
+        if sweep is not None and style.kind == "flat":
+            of = sweep.request
+            same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
+            count = first_of(of.modes, wanted.modes)
+            if same and (style.log, style.kind) == (of.style.log, of.style.kind) and 0 < count <= len(sweep.frames):
+                swept = sweep.frames[count - 1]
+        if swept is not None:
+
+            def draw() -> CostMap:
+                floor = swept.floor and replace(swept.floor, show_minima=style.minima)
+                return replace(swept, request=wanted, floor=floor, fine=True)
+
+            found = self._drawn(draw, swept, style.minima)
+        last, reason = self._last, reason if swept is None else ""
+        if found is None and not reason and self.playing is not None and last is not None:
+            kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
+            return (last if kept else None), ""
+        self._last = found
+        return found, reason
+
+    @property
+    def made(self) -> Sweep | None:
+        """The last sweep that was requested, as far as it is computed; None before it is begun."""
+        sweep = self._sweep
+        return sweep if sweep is not None and sweep.request == self._wanted else None
+
+    def _compute(self, request: CostMapRequest) -> Iterator[None]:
+        """Compute one map after the other, until another sweep is requested; on the thread."""
+        run, n, offset = self._binding.run, request.microphone, request.order_offset
+        if run.problem.search is None:
+            return
+        sweep, search = Sweep(request), refined(run.problem.search)
+        self._sweep = sweep
+        for sums in partial_sums(run.problem, run.solver, request.state, n, request.modes, offset, search):
+            if not self.worker.wants(request):
+                return
+            of = replace(request, modes=tuple(sorted(sums.modes)))
+            sweep.frames.append(cost_map(run, of, sums.cost, search, sums.minima))
+            yield
+
+    def show(self, state: PageState) -> None:
+        """Request the maps of a sweep that plays or is wanted, play it, and update the controls."""
+        binding, choices, playing = self._binding, self._binding.choices, self.playing
+        if self._revision == NEXT:
+            self._revision = state.revision
+        elif self._revision != state.revision and playing is None:
+            self._wanted = self.worker.requested = None  # its curve is of another state
+        if (playing is not None or self._revision == state.revision) and not state.view.running:
+            style, order = MapStyle(log=choices.log), choices.map_order
+            of = state.revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
+            self._wanted = CostMapRequest(*of)
+            self.worker.newest(self._wanted)
+        latest, sweep = self.worker.latest, self.made
+        error = None if latest is None or latest.request != self.worker.requested else latest.cause
+        if playing is not None and sweep is not None and (state.now >= playing.due or error is not None):
+            self._step(playing, sweep, state.now, error is not None)
+        label, icon = ("Stop", viser.Icon.PLAYER_PAUSE) if self.playing else (self._label, viser.Icon.PLUS)
+        if self.play.label != label:
+            self.play.label, self.play.icon = label, icon
+        self.summed.max = max(len(self._sequence()), 2)
+        binding.send(self.summed, self._count())
+        binding.send(self.single, self.alone)
+        self.text.content = html.remark(ADVICE) if error is None else html.complaint(error)
+        self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve
+        if sweep is not None and sweep.frames:
+            minima = tuple(0 if one.minima is None else one.minima.count for one in sweep.frames[:])
+            summed = first_of(sweep.request.modes, choices.modes or ())  # 0 where the map is another sum
+
+            def curve() -> tuple[np.ndarray, ...]:
+                """Return the columns: modes summed, minima as far as they are counted, the point of the map."""
+                x = np.arange(1.0, len(sweep.request.modes) + 1)
+                line = np.full(len(x), HIDDEN)
+                line[: len(minima)] = minima
+                return x, line, np.where(x == summed, line, HIDDEN)
+
+            self._plot.show(self._curve(curve, sweep, len(minima), summed), (0.0, max(minima) + 1.0))
+
+    def _step(self, playing: Playback, sweep: Sweep, now: float, failed: bool) -> None:
+        """Show the next map of the sweep that plays, if it is computed; stop after the last one."""
+        modes, wanted = sweep.request.modes, None
+        if not failed and playing.next < len(modes):
+            if playing.next >= len(sweep.frames):
+                return
+            playing.next, playing.due = playing.next + 1, now + 1 / self.rate.value
+            wanted = tuple(sorted(modes[: playing.next]))
+
+        def go() -> None:
+            """On viser's event loop, unless the user has stopped or chosen other modes meanwhile."""
+            if playing is not self.playing:
+                return
+            if wanted is None or playing.shown not in (None, self._binding.choices.modes):
+                self.playing = None
+                return
+            playing.shown = wanted
+            self._map.choose_modes(wanted)
+
+        self._binding.call(go)
+
+
+GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the spectrum, and of the area below it
+MAX_POINTS = 700  # of the spectrum, all of which are sent each time
+ABOVE, BELOW = 6.0, 8.0  # dB from the strongest peak to the top of the plot, and from the weakest to the bottom
+MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
+
+
+def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return the spectrum of a measurement, or None, and the levels of its first `modes` peaks.
+
+    The spectrum is (2, F) float64, Hz and dB re its maximum, with the greatest level of each of MAX_POINTS intervals.
+    The peaks are (modes,) float64, dB; without a spectrum they are the mean powers of the modes, re the greatest.
+    """
+    f = measurement.frequencies[:modes]
+    if measurement.spectrum is None:
+        power = mode_power(measurement.pressures[:modes])
+        return None, 10 * np.log10(np.maximum(power / power.max(), MIN_POWER))
+    at, power = measurement.spectrum[0], measurement.spectrum[1:].mean(axis=0)  # over all takes
+    decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), MIN_POWER))
+    starts = np.unique(np.linspace(0, len(at) - 1, min(len(at), MAX_POINTS)).astype(int))
+    spectrum = np.stack([at[starts], np.maximum.reduceat(decibels, starts)])
+    return spectrum, np.maximum(np.interp(f, at, decibels), np.interp(f, *spectrum))
+
+
+class SpectrumTab(Tab):
+    """Owns the plot of the spectrum, which shows the modes that are in the map, and the text below.
+
+    Without a spectrum each mode is drawn as a vertical line.
+    """
+
+    part, where, order = "spectrum", "Map", 4
+    interval = 0.25
+
+    def __init__(self, binding: Binding):
+        self._binding, gui, measurement, modes = binding, binding.gui, binding.measurement, binding.modes
+        f, (spectrum, self._peaks) = measurement.frequencies[:modes], spectrum_levels(measurement, modes)
+        self._has_spectrum, self._rows = spectrum is not None, np.arange(1, modes + 1)
+        if spectrum is None:
+            self._x, self._curve, self._at = np.repeat(f, 3), np.repeat(self._peaks, 3), np.arange(1, 3 * modes, 3)
+            self._curve[0::3] = self._curve[2::3] = HIDDEN
+        else:
+            x = np.concatenate([spectrum[0], f])
+            order = np.argsort(x, kind="stable")
+            self._x, self._curve = x[order], np.concatenate([spectrum[1], self._peaks])[order]
+            self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
+        first, last = self._x[[0, -1]].tolist()
+        edge = 0.02 * (last - first) + (0.0 if self._has_spectrum else 1.0)
+        lowest = 10 * float(np.floor((self._peaks.min() - BELOW) / 10))
+        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self._has_spectrum else {}
+        what = "at the microphones" if self._has_spectrum else f"of the {binding.row}s"
+        marks = {
+            "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
+            "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
+            "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
+        }
+        if self._has_spectrum:
+            marks["mean power"] = f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>"
+        with gui.add_folder("Spectrum", expand_by_default=False):
+            self.plot = gui.add_uplot(
+                data=self.columns((), np.inf),
+                series=(
+                    uplot.Series(label="Hz"),
+                    uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
+                    uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+                    uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+                    uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+                ),
+                title=f"Mean power {what}",
+                legend={"show": False},
+                scales={
+                    "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
+                    "y": uplot.Scale(range=(lowest, ABOVE)),
+                },
+                axes=(
+                    uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
+                    uplot.Axis(label="dB re the maximum", labelSize=18, size=40),
+                ),
+                height=240,
+                padding=(12, 14, 0, 0),
+            )
+            gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
+            self.text = gui.add_html("")
+
+    def columns(self, used: tuple[int, ...], limit: float) -> tuple[np.ndarray, ...]:
+        """Return the columns of the plot.
+
+        `used`: modes in the map, counted from 1; `limit`: f_max. Returns tuple of (P,) float64, frequency (Hz), curve,
+        dots of modes not in the map, dots of modes in the map, line of f_max (dB).
+        """
+        x, curve = self._x, self._curve
+        inside, columns = np.isin(self._rows, used), [x, curve, *np.full((3, len(x)), HIDDEN)]
+        for column, chosen in zip(columns[2:], (~inside, inside), strict=False):
+            column[self._at[chosen]] = self._peaks[chosen]
+        if not x[0] < limit < x[-1]:
+            return tuple(columns)
+        at = int(np.searchsorted(x, limit))
+        height = float(np.interp(limit, x, curve)) if self._has_spectrum else HIDDEN
+        line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
+        return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
+
+    def inputs(self, state: PageState) -> tuple:
+        """Return the modes of the map and the highest frequency of the array."""
+        choices, shown, problem = self._binding.choices, state.view.state, self._binding.run.problem
+        used = map_modes(self._binding.run, shown, choices.modes, choices.map_order)
+        limit = array_f_max(shown.positions, problem.sound_speed, problem.dimension)
+        return used, round(limit) if np.isfinite(limit) else limit
+
+    def show(self, state: PageState) -> None:
+        """Show the modes of the map, and say below which is the highest, with a warning if it is beyond f_max."""
+        measurement, problem = self._binding.measurement, self._binding.run.problem
+        used, limit = self.inputs(state)
+        self.plot.data = self.columns(used, limit)
+        name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
+        what = "highest" if measurement.take_count > 1 else "highest in the map"
+        highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
+        lines = [f"{what}: {name}, <b>{hertz}</b>", f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]
+        if problem.search is not None and problem.dimension == 2:  # the expansion of the highest mode (Eq. 3)
+            k = problem.wavenumbers[used[-1] - 1 : used[-1]]
+            order = int(max_order(k, problem.search.radius, state.view.state.order_offset)[0])
+            lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {measurement.count} microphones"]
+        if measurement.frequencies[used[-1] - 1] > limit:
+            beyond = f"the map has {self._binding.row}s beyond f<sub>max</sub>"
+            lines += [f"<span style='color: {html.RED}'>&#9888; {beyond}</span>"]
+        self.text.content = f"<div style='{html.CARD}'>{'<br>'.join(lines)}</div>"

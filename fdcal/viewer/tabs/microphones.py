@@ -13,11 +13,10 @@ from ...assessment.calibration import Channels
 from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, errors_by_distance, lesson_panel, named, row, table
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
-from ..binding import Binding, Tab
 from ..html import CARD
 from ..plots import BLUE, RED, Plot, decades_of, dots
 from ..scheduler import Memo
-from ..state import PageState
+from ..state import Binding, PageState, Tab
 
 MAX_ROWS = 100  # of a table
 GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
@@ -94,7 +93,7 @@ def distance_plot(gui: viser.GuiApi, measurement: Measurement) -> Plot | None:
 class MicrophonesTab(Tab):
     """Owns the plot and the tables."""
 
-    where = "Mics"
+    part, where = "microphones", "Mics"
     interval = 0.3
 
     def __init__(self, binding: Binding):

@@ -11,7 +11,7 @@ from ...model.validation import InputError, StorageError
 from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
 from ...session.sources import OpenRequest
 from .. import html
-from ..binding import Binding, Tab
+from ..state import Binding, Tab
 
 MEASURED = (
     "This is a measurement: room, array and noise are as recorded and cannot be edited. Choose another scene to"
@@ -32,7 +32,7 @@ SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 class SceneTab(Tab):
     """Owns the controls of the tab. The session does not change before Apply, nor if the scene is refused."""
 
-    where = "Scene"
+    part, where = "scene", "Scene"
 
     def __init__(self, binding: Binding):
         self._binding, self._scene = binding, binding.run.scene

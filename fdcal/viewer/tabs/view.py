@@ -24,9 +24,8 @@ from ...model.libraries import call
 from ...model.validation import InputError, evenly_spaced, require_choice
 from ...session import session_file
 from .. import html
-from ..binding import Binding, Tab
 from ..cost_maps import above_lowest, fine_maps, map_label
-from ..state import PICTURE, VIEWS, Choices, PageState
+from ..state import PICTURE, VIEWS, Binding, PageState, Tab
 
 ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 
@@ -34,27 +33,19 @@ ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 class ViewTab(Tab):
     """Owns the controls of the tab."""
 
-    where = "View"
+    part, where = "view", "View"
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
         self.camera = binding.on(camera, lambda client, name: binding.tabs.look(client, VIEWS[name]), True, "look")
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
-        choose = binding.choose
         self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken, command="dark_page")
-        self.lecture = binding.checkbox(
-            "Lecture mode", lambda choices: choices.lecture, lambda value: choose(lecture=value), command="lecture",
-            hint="Large type, the panels folded away; key H ends it, too",
-        )  # fmt: skip
-        self.trails = binding.checkbox(
-            "Trails", lambda choices: choices.trails, lambda value: choose(trails=value), command="trails",
-            hint="Path of each estimate over the last 200 states",
-        )  # fmt: skip
-        self.ellipses = binding.checkbox(
-            "Error ellipses (95\N{NO-BREAK SPACE}%)", lambda choices: choices.ellipses,
-            lambda value: choose(ellipses=value), hint=ELLIPSES_LATER,
-        )  # fmt: skip
+        hint = "Large type, the panels folded away; key H ends it, too"
+        self.lecture = binding.choice("Lecture mode", "lecture", command="lecture", hint=hint)
+        hint = "Path of each estimate over the last 200 states"
+        self.trails = binding.choice("Trails", "trails", command="trails", hint=hint)
+        self.ellipses = binding.choice("Error ellipses (95\N{NO-BREAK SPACE}%)", "ellipses", hint=ELLIPSES_LATER)
         self.ellipses_text = gui.add_html("", visible=False)
         self.refresh()
 
@@ -188,26 +179,19 @@ SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": 
 class ExportTab(Tab):
     """Owns the controls, and makes files in the order in which they were requested; a bounded number may wait."""
 
-    where, order = "View", 11
+    part, where, order = "export", "View", 11
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         self.worker = binding.threads.job(self._make, MAX_WAITING)
         with gui.add_folder("Save a file"):
-            self.kind = binding.dropdown(
-                "File", tuple(KINDS), lambda choices: choices.export_kind, lambda kind: binding.choose(export_kind=kind)
-            )
+            self.kind = binding.choice("File", "export_kind", {kind: kind for kind in KINDS})
             description = gui.add_html("")
             binding.follow(description, content=lambda choices: html.remark(KINDS[choices.export_kind].description))
             self.description = description
-            self.view = binding.dropdown(
-                "Camera view", tuple(VIEWS), lambda choices: _label(VIEWS, choices.export_view),
-                lambda value: binding.choose(export_view=VIEWS[value]), visible=_of_picture,
-            )  # fmt: skip
-            self.size = binding.dropdown(
-                "Size (pixels)", tuple(SIZES), lambda choices: _label(SIZES, choices.export_size),
-                lambda value: binding.choose(export_size=SIZES[value]), visible=_of_picture,
-            )  # fmt: skip
+            of_picture = lambda choices: choices.export_kind == PICTURE  # noqa: E731
+            self.view = binding.choice("Camera view", "export_view", VIEWS, visible=of_picture)
+            self.size = binding.choice("Size (pixels)", "export_size", SIZES, visible=of_picture)
             save = gui.add_button("Save", icon=viser.Icon.DOWNLOAD, hint="Save what is shown now")
             self.button = binding.on(save, self.save, of_client=True, command="save")
 
@@ -237,12 +221,3 @@ class ExportTab(Tab):
             client.add_notification("The file could not be made", text, color="red")
             return
         client.send_file_download(file_name(state, kind), content, save_immediately=True)
-
-
-def _of_picture(choices: Choices) -> bool:
-    """Whether the file has a view and a size."""
-    return choices.export_kind == PICTURE
-
-
-def _label(options: dict, value) -> str:
-    return next(label for label, option in options.items() if option == value)
