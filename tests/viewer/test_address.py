@@ -7,7 +7,7 @@ from fdcal.model.room import folder_of
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, camera_of
-from fdcal.viewer.state import MAP_KINDS
+from fdcal.viewer.cost_maps import MAP_KINDS
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 
