@@ -21,7 +21,7 @@ from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.model.arrays import ball, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
-from fdcal.model.room import Room
+from fdcal.model.scene import Room
 from fdcal_bench.draw import RIGID_DECAY
 
 from .report import Figure

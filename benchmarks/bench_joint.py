@@ -23,8 +23,7 @@ from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.cost import eq7
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
-from fdcal.model.room import Room
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import Room, load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput

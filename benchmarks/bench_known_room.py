@@ -19,7 +19,7 @@ from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.assessment.assess import assess
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
-from fdcal.model.room import Room
+from fdcal.model.scene import Room
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
 from fdcal.solvers import run as states

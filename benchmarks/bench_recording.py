@@ -13,7 +13,7 @@ import soundfile
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
 from fdcal.acoustics.fdtd import simulate
-from fdcal.model.room import Room, Source
+from fdcal.model.scene import Room, Source
 
 from . import bench_meshrir
 from .report import Figure

@@ -14,8 +14,7 @@ import numpy as np
 from fdcal.acoustics.measure import cached_measurement, draw_measurement
 from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.model.problem import mode_power
-from fdcal.model.room import Room
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import Room, load_scene
 
 from .draws import Draw, solve, summary
 from .report import Figure

@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdcal.model.room import folder_of
+from fdcal.model.scene import folder_of
 
 WAIT = 180e3  # ms, bound of every wait
 ARGUMENTS = (

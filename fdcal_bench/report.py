@@ -225,7 +225,7 @@ def write_report(
     axes = head.axes
     for name in names or ():
         if name not in axes:
-            raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
+            raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes")
     rows = statistics.classified(statistics.selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out --at", key="at")

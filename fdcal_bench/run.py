@@ -84,7 +84,7 @@ def read_head(folder: Path) -> Head:
         return msgspec.json.decode(path.read_bytes(), type=Head)
     except (OSError, ValueError) as error:  # msgspec's errors are ValueErrors
         problem = f"{path} is damaged ({shown(str(error), 80)})"
-        raise InputError(problem, "choose another folder", key="output", value=str(path)) from error
+        raise InputError(problem, "choose another folder", key="output") from error
 
 
 def read_part(path: Path, axes: dict[str, list]) -> pyarrow.Table:
@@ -123,7 +123,7 @@ class Results:
         if (self.folder / HEAD).exists():
             self._require_own(read_head(self.folder), own, begun, resume)
         elif any(path.name != ROWS for path in self.folder.iterdir()):
-            raise InputError(f"{folder} is not empty", "choose another folder", key="output", value=str(folder))
+            raise InputError(f"{folder} is not empty", "choose another folder", key="output")
         if not begun:  # the first row makes the folder that of its study
             text = json.dumps(asdict(own), indent=1) + "\n"
             write_atomically(self.folder / HEAD, lambda file: file.write_text(text, encoding="utf-8"), force=True)
@@ -132,7 +132,7 @@ class Results:
         """Raise InputError unless the folder holds this study, computed by this code, and may be continued."""
 
         def refuse(problem: str, remedy: str) -> NoReturn:
-            raise InputError(f"{self.folder} {problem}", remedy, key="output", value=str(self.folder))
+            raise InputError(f"{self.folder} {problem}", remedy, key="output")
 
         if head.digest != own.digest:
             refuse("holds another study", "choose another folder, or the study that it was begun with")
@@ -161,7 +161,7 @@ class Results:
             lock.acquire()
         except locket.LockError as error:
             problem = f"another run writes to {self.folder}"
-            raise InputError(problem, "wait for its end", key="output", value=str(self.folder)) from error
+            raise InputError(problem, "wait for its end", key="output") from error
         try:
             yield
         finally:
@@ -182,7 +182,7 @@ def read_results(folder: str | Path) -> tuple[Head, pandas.DataFrame]:
     parts = sorted(folder.glob(PARTS))
     if not (folder / HEAD).exists() or not parts:
         remedy = "run `fdcal study STUDY.toml -o FOLDER` first"
-        raise InputError(f"{folder} holds no results of a study", remedy, key="report", value=str(folder))
+        raise InputError(f"{folder} holds no results of a study", remedy, key="report")
     head, read = read_head(folder), []
     for path in parts:
         try:

@@ -68,10 +68,10 @@ def selected(rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) 
     values = {}
     for key, text in at.items():
         if key not in axes:
-            raise InputError(f"the study has no axis {key}", f"use {', '.join(axes)}", key="at", value=key)
+            raise InputError(f"the study has no axis {key}", f"use {', '.join(axes)}", key="at")
         texts = [str(value) for value in axes[key]]
         if text not in texts:
-            raise InputError(f"{key} has no value {text}", f"use {', '.join(texts)}", key="at", value=text)
+            raise InputError(f"{key} has no value {text}", f"use {', '.join(texts)}", key="at")
         values[key] = axes[key][texts.index(text)]
     return rows_of(rows, values)
 

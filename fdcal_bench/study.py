@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from fdcal.acoustics.spectrum import SPECTRUM
-from fdcal.model.room import Room
-from fdcal.model.scene import MeasuredScene, Scene, load_scene, scene_table
+from fdcal.model.scene import MeasuredScene, Room, Scene, load_scene, scene_table
 from fdcal.model.storage import parse_toml, read_bytes
 from fdcal.model.validation import Count, InputError, Seconds, Seed, build, check, shown, within
 from fdcal.session.scene_edits import SceneParameters, change, parameters_of, with_parameters
@@ -83,7 +82,7 @@ class Study:
             twice = next((value for i, value in enumerate(values) if value in values[:i]), None)
             if twice is not None:
                 problem = f"axes.{shown(key)} has the value {shown(json.dumps(twice))} twice"
-                raise InputError(problem, "write each value once", key=f"axes.{key}", value=twice)
+                raise InputError(problem, "write each value once", key=f"axes.{key}")
         if bool(self.scene) == (SCENE in self.axes):
             remedy = 'write scene = "NAME", or name several by scene = [...] below [axes]'
             raise InputError("a study has a scene, or an axis of scenes", remedy, key=SCENE)
@@ -163,7 +162,7 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
                 change(table, key, value)
             except InputError as error:
                 where = f"{'axes' if key in point else 'fixed'}.{key}"
-                raise InputError(error.problem, error.remedy, key=where, value=value) from None
+                raise InputError(error.problem, error.remedy, key=where) from None
     scene = build(Scene, {**table, "seed": seed})
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed
@@ -229,5 +228,5 @@ def _table_of(scene: str) -> dict:
     loaded = load_scene(scene)  # refuses what is no scene, with its words
     if isinstance(loaded, MeasuredScene):
         problem = f"{loaded.name} is a measurement, and a study simulates"
-        raise InputError(problem, "give a scene that is simulated", key="scene", value=scene)
+        raise InputError(problem, "give a scene that is simulated", key="scene")
     return scene_table(scene)

@@ -27,8 +27,7 @@ from xdist.scheduler import LoadFileScheduling
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model import libraries
-from fdcal.model.room import folder_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 from fdcal.recordings import frequencies, importer
 from fdcal.session import calibration_run
 from fdcal.solvers import warmup_calls

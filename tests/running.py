@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from fdcal.commands.cli import main
+from fdcal.model.validation import InputError, StorageError
 
 
 def exit_code(*arguments) -> int:
@@ -23,3 +24,11 @@ def done(*arguments, folder: Path) -> str:
         code = exit_code(*arguments)
     assert code in ((0, 4) if arguments[0:1] == ("calibrate",) else (0,)), errors.getvalue()
     return out.getvalue()
+
+
+def refuses(words: str, call, *arguments, **options) -> InputError | StorageError:
+    """The error that a call must raise, in one line that has `words`, a regular expression."""
+    with pytest.raises((InputError, StorageError), match=words) as caught:
+        call(*arguments, **options)
+    assert "\n" not in str(caught.value)
+    return caught.value

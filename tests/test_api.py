@@ -137,7 +137,7 @@ def test_the_landscape_round_a_result_needs_no_true_positions(tiny, found):
     assert np.isfinite(fdcal.landscape(without, "3", [4], calibration=found).maps).all()
     with pytest.raises(fdcal.InputError) as caught:
         fdcal.landscape(tiny, 3, [99])
-    assert (caught.value.key, caught.value.value) == ("modes", 99)
+    assert caught.value.key == "modes" and "99" in str(caught.value)
 
 
 def test_a_result_and_a_measurement_show_themselves_in_a_line(tiny, found):

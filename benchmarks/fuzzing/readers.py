@@ -13,8 +13,7 @@ from fdcal import Calibration
 from fdcal.acoustics.plane_waves import load_sdm_response
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
-from fdcal.model.room import folder_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.recordings import formats

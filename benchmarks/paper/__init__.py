@@ -39,13 +39,13 @@ def require_free(folder: Path, names: list[str], force: bool) -> None:
     be made.
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"-o {folder} is a file", "name a folder", key="output", value=str(folder))
+        raise InputError(f"-o {folder} is a file", "name a folder", key="output")
     if not folder.parent.is_dir():
         raise StorageError(f"-o {folder} lies in a folder that does not exist; make it first: mkdir -p {folder.parent}")
     there = [name for name in names if (folder / name).exists()]
     if there and not force:
         remedy = "add <force> to overwrite it, or choose another folder"
-        raise InputError(f"{folder / there[0]} exists", remedy, key="output", value=str(folder))
+        raise InputError(f"{folder / there[0]} exists", remedy, key="output")
 
 
 def write(folder: Path, name: str, content: bytes, force: bool) -> Path:

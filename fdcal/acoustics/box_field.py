@@ -28,7 +28,7 @@ import math
 import numpy as np
 
 from ..model.problem import mode_power
-from ..model.room import Room, Source
+from ..model.scene import Room, Source
 from ..model.settings import Sensing
 from ..model.validation import LIMITS, InputError, refusal
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous

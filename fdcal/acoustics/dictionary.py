@@ -233,7 +233,7 @@ class LatticeDictionary:
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
         if len(search.size) != 2:
             problem = f"search.size = {list(search.size)} has 3 lengths and a lattice search is two-dimensional"
-            raise InputError(problem, "use another solver", key="search.size", value=search.size)
+            raise InputError(problem, "use another solver", key="search.size")
         nx, ny = search.shape
         self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
         self.shape, self.nearest = (ny, nx), search.nearest

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..model.arrays import in_polygon
-from ..model.room import Room, Source
+from ..model.scene import Room, Source
 from ..model.validation import InputError, refusal
 
 if TYPE_CHECKING:
@@ -64,14 +64,14 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
         raise refusal("source.sample_rate", sample_rate, why, f"use at least {least} Hz", "Hz")
     if corners.min() < 0:
         problem = f"{key} has a coordinate of {corners.min():g} m"
-        raise InputError(problem, "shift the scene so that none is below 0", key=key)
+        raise InputError(problem, "shift the scene until all are positive", key=key)
     straight = np.isclose(corners, np.roll(corners, -1, axis=0), rtol=0, atol=ON_AXIS)
     for value in corners[straight]:
         cells = value / h
         if abs(cells - round(cells)) > FACE_TOLERANCE:
             below, above = (f(cells) * h for f in (math.floor, math.ceil))
             problem = f"{key} has a wall at {value:g} m, which is not a whole number of cells of room.cell = {h:g} m"
-            raise InputError(problem, f"use {below:g} or {above:g} m, or a cell that divides it", key=key, value=value)
+            raise InputError(problem, f"use {below:g} or {above:g} m, or a cell that divides it", key=key)
     nx, ny = (math.ceil(length / h - FACE_TOLERANCE) for length in corners.max(axis=0))
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * h, (np.arange(ny) + 0.5) * h), axis=-1)
     mask = in_polygon(centres, corners)

@@ -14,8 +14,7 @@ import numpy as np
 from ..model.arrays import positions_3d, positions_of
 from ..model.measurement import Measurement, load_measurement, save_measurement
 from ..model.problem import mode_power
-from ..model.room import response_path
-from ..model.scene import MeasuredScene, Scene
+from ..model.scene import MeasuredScene, Scene, response_path
 from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError

@@ -65,7 +65,7 @@ def independent_frequencies(
     if count[-1] > MAX_FREQUENCIES:
         problem = f"{low:g} to {high:g} Hz with a reverberation time of {reverberation_time:g} s hold {count[-1]:.2g}"
         remedy = "use a narrower band (<frequencies>) or a shorter reverberation time"
-        raise InputError(f"{problem} independent frequencies", remedy, key="frequencies", value=(low, high))
+        raise InputError(f"{problem} independent frequencies", remedy, key="frequencies")
     return np.interp(np.arange(0.5, count[-1]), count, grid)
 
 

@@ -123,8 +123,7 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     if len(peaks) == 0:
         band = f"measurement.lowest = {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz"
         problem = f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between {band}"
-        remedy = "widen the band or lower the prominence"
-        raise InputError(problem, remedy, key="measurement.prominence_db", value=prominence_db)
+        raise InputError(problem, "widen the band or lower the prominence", key="measurement.prominence_db")
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
     vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points
     return lowest + (peaks + vertex) * step

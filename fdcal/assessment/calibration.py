@@ -444,7 +444,7 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
     """Return the microphones of a result, in its own frame or in `frame`, one of `fdcal.model.gauge.FRAMES`."""
     if frame == "known" and result.known == ():
         problem = "frame = known, but no microphone was known"
-        raise InputError(problem, "use <frame> minimal or axes", key="frame", value="known")
+        raise InputError(problem, "use <frame> minimal or axes", key="frame")
     from ..model.measurement import MicrophonePositions
 
     positions = result.positions if frame in (None, result.frame) else in_frame(result.positions, frame)

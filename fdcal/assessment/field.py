@@ -213,7 +213,7 @@ def _nearest(measured: np.ndarray, wanted) -> list[int]:
         if abs(measured[nearest] - f) > FREQUENCY_TOLERANCE * f:
             problem = f"frequencies = {f:g} Hz: nothing was measured there, the nearest is {measured[nearest]:.4g} Hz"
             remedy = f"choose <frequencies> of the {len(measured)} from {measured[0]:.4g} to {measured[-1]:.4g} Hz"
-            raise InputError(problem, remedy, key="frequencies", value=f)
+            raise InputError(problem, remedy, key="frequencies")
         found.add(nearest)
     return sorted(found)
 
@@ -228,7 +228,7 @@ def _lattice(positions: np.ndarray, step: float | None) -> tuple[tuple[np.ndarra
     counts = np.maximum(np.ceil(extent / step * (1 - EDGE)) + 1, 2)
     if np.prod(counts) > MAX_POINTS:
         problem = f"step = {step:g} m makes {np.prod(counts):.3g} points, more than {MAX_POINTS}"
-        raise InputError(problem, "use a larger one for <step>", key="step", value=step)
+        raise InputError(problem, "use a larger one for <step>", key="step")
     margin = ((counts - 1) * step - extent) / 2
     axes = tuple(a - m + step * np.arange(int(n)) for a, m, n in zip(low, margin, counts, strict=True))
     try:

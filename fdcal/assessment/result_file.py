@@ -189,7 +189,7 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     if content.get("fdcal_result") != VERSION:
         found = shown(content.get("fdcal_result"), 20)
         problem = f"{where} is not a result of this version of fdcal (fdcal_result = {found})"
-        raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result", value=found)
+        raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result")
     table = _checked(content, where)
     evidence = room = channels = None
     if table.residual_to_noise is not None:
@@ -268,7 +268,7 @@ def load_result(path: str | PathLike[str]) -> Calibration:
     content = read_bytes(str(path), LIMITS.result)
     if not content.lstrip()[:1] == b"{":
         remedy = "give the .json file that `fdcal calibrate -o` writes"
-        raise InputError(f"{path} is not a result", remedy, key="result", value=str(path))
+        raise InputError(f"{path} is not a result", remedy, key="result")
     return read_result(content, str(path))
 
 
@@ -277,7 +277,7 @@ def _checked(content: dict, where: str) -> ResultTable:
 
     def require(right: bool, key: str, problem: str) -> None:
         if not right:
-            raise InputError(f'{where}: "{key}" {problem}', key=key, value=content.get(key))
+            raise InputError(f'{where}: "{key}" {problem}', key=key)
 
     def require_key(right: bool, key: str) -> None:
         if not right:
@@ -343,7 +343,7 @@ def channel_table(result: Calibration) -> str:
     """
     if result.channels is None or not result.channels.gains_sought:
         problem = f"the result of solver {result.solver} holds no gains of the channels"
-        raise InputError(problem, "calibrate with <solver> robust", key="table", value="gains")
+        raise InputError(problem, "calibrate with <solver> robust", key="table")
     columns = _channel_columns(result)
     return _csv(["name", *columns], zip(result.names, *columns.values(), strict=True))
 

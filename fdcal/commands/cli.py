@@ -22,7 +22,10 @@ from typing import Any
 import click
 
 from ..model.libraries import missing_library
+from ..model.measurement import microphone_index, save_measurement
+from ..model.scene import load_scene, scene_names
 from ..model.settings import KNOWN_ROOM_SOLVERS
+from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.process import ended_as_interrupted, one_blas_thread_for_command
 from . import file_commands, plot_commands
@@ -181,9 +184,6 @@ def simulate(scene: str, output: str, force: bool):
     """Simulate a scene and write what its microphones measured."""
     path = opt.output_path(output, ".npz", force)
     measurement = opt.scene_of(scene).measurement
-    from ..model.measurement import save_measurement
-    from ..model.storage import write_atomically
-
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     f = measurement.frequencies
     rows = f"{len(f)} modes" if measurement.take_count == 1 else f"{len(f)} rows of {measurement.take_count} takes"
@@ -233,14 +233,14 @@ def calibrate(
     inputs = opt.input_of(sources, search, radius, exclude, positions, **recorded)
     if room is not None:
         if solver not in (None, *KNOWN_ROOM_SOLVERS):
-            raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver", value=solver)
+            raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver")
         solver = KNOWN_ROOM_SOLVERS[0]
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check and inputs.measurement.positions is None:
         remedy = "name a file that has them with <positions>, or leave out <check>"
-        raise InputError("the file has no positions to compare with those found", remedy, key="check", value=True)
+        raise InputError("the file has no positions to compare with those found", remedy, key="check")
     with opt.progress_bar("calibrating") as progress:
         result = solve(inputs, progress, opt.OPTIONS)
     compared = report.comparison(inputs, result) if check else None
@@ -265,7 +265,7 @@ def calibrate(
 
 @commands.command()
 @click.argument("layout", metavar="LAYOUT")
-@opt.option("--room LxWxH|SCENE", "Rectangular room.  [default: diffuse field]", type=opt.RoomOrScene())
+@opt.option("--room LxWxH", "Rectangular room.  [default: that of the scene, else a diffuse field]", type=opt.room_size)
 @opt.option("--rt60 S", "Reverberation time, s.", type=opt.Number(), default=0.5)
 @opt.option("--snr DB", "Signal-to-noise ratio of each frequency.", type=opt.Number(), default=30.0)
 @opt.option("--frequencies LO:HI", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]", type=opt.band)
@@ -282,7 +282,6 @@ def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, a
     LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
     0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
     """
-    from ..model.measurement import microphone_index
     from ..session.plan import PlanRequest, make_plan, plan_lines, read_layout
 
     array = read_layout(layout, seed)
@@ -306,8 +305,6 @@ def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, a
 @commands.command()
 def scenes():
     """List the scenes that come with fdcal."""
-    from ..model.scene import load_scene, scene_names
-
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
 
@@ -334,7 +331,7 @@ def all_pieces() -> list[tuple[str, Callable[[], object]]]:
         import numpy as np
 
         from ..acoustics import fdtd
-        from ..model.room import Room, Source
+        from ..model.scene import Room, Source
 
         source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
         for height in (0.4, 4.0):

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
+from ..model.measurement import save_measurement
+from ..model.storage import TEMPORARY, write_atomically
 from ..model.validation import InputError, StorageError
 from ..recordings.recording import ImportOptions
 from . import options as opt
-
-if TYPE_CHECKING:
-    from ..recordings.channels import ChannelHealth
 
 
 @click.command("import")
@@ -31,8 +28,6 @@ def import_(sources, output, force, **recorded):
     channels of one take.
     """
     path = opt.output_path(output, ".npz", force, *sources, recorded["reference"])
-    from ..model.measurement import save_measurement
-    from ..model.storage import write_atomically
     from ..recordings.importer import import_recording, import_summary
 
     given = {key: value for key, value in recorded.items() if value is not None}
@@ -121,8 +116,8 @@ INTERRUPTED = 130  # exit code
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @opt.output_option("TAKE.wav|w64")
 @opt.option("--channels N", "inputs", "The first N inputs.  [default: all]", type=click.IntRange(1))
-@opt.option("--seconds", "Length of each take.", type=opt.NumberInRange(1, 86400), default=30.0)
-@opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=opt.NumberInRange(min=1000))
+@opt.option("--seconds", "Length of each take.", type=opt.Number(1, 86400), default=30.0)
+@opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=opt.Number(min=1000))
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
 @opt.option("--replay FILE", "Replay a recording in place of a sound card: a take each.", multiple=True)
 @opt.option("--positions FILE", "List of the positions: names swapped channels.")
@@ -143,7 +138,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """
     from tqdm import tqdm
 
-    from ..model.storage import TEMPORARY
     from ..recordings import formats
     from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
@@ -172,11 +166,13 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         with interrupts(urgent=False) as interrupt, opt.progress_bar("recording") as progress:
             known_faults = dict[int, str]()
 
-            def watch(done, health, stream=stream, interrupt=interrupt, progress=progress, faults=known_faults) -> bool:
+            def watch(done, health, names=stream.names, interrupt=interrupt, progress=progress, known=known_faults):
                 progress(min(done / seconds, 1.0))
-                for line in _newly_faulty(done, health, stream.names, faults) if done >= 1 else ():
-                    tqdm.write(line)  # above the bar
-                    sys.stdout.flush()
+                for n in map(int, health.bad) if done >= 1 else ():
+                    if known.get(n) != (fault := health.fault(n, names)):
+                        known[n] = fault
+                        tqdm.write(f"after {done:.1f} s: channel {names[n]} is {fault}")  # above the bar
+                        sys.stdout.flush()
                 return not interrupt.is_set()
 
             take = record_take(stream, path, seconds, watch, force)
@@ -222,17 +218,6 @@ def _answer(this: str, following: str) -> str:
     except EOFError:
         print()
         return "q"
-
-
-def _newly_faulty(seconds: float, health: ChannelHealth, names: Sequence[str], known: dict[int, str]) -> list[str]:
-    """Return a line for each new fault of a channel, and store it in `known` under the number of the channel."""
-    lines = []
-    for n in map(int, health.bad):
-        fault = health.fault(n, names)
-        if known.get(n) != fault:
-            known[n] = fault
-            lines.append(f"after {seconds:.1f} s: channel {names[n]} is {fault}")
-    return lines
 
 
 COMMANDS = (import_, export, correct, doctor, record)

@@ -230,6 +230,6 @@ def _part(setting: LessonSetting, problem: Problem) -> dict:
     elif text is not None:
         modes = parse_modes(text, len(problem.frequencies))
         if modes != tuple(range(modes[0], modes[-1] + 1)):
-            raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes", value=text)
+            raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes")
         part["modes"] = [modes[0], modes[-1]]
     return part

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import click
 
+from ..model.scene import load_scene, scene_names
 from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
 from ..recordings.recording import ImportOptions
@@ -79,21 +80,18 @@ def _distance(value: str) -> tuple[str, str, float]:
     return first, second, float(metres)
 
 
-def _room_size(value: str) -> tuple[float, ...]:
-    size = tuple(float(part) for part in value.lower().split("x"))
-    if len(size) not in (2, 3):
-        raise ValueError
-    for side in size:
-        if not LIMITS.smallest <= side <= LIMITS.largest:
-            raise click.BadParameter(f"{side:g} m must be finite and above zero")
-    return size
+def _separated(
+    separator: str, kind: type = float, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
+) -> Callable[[str], Any]:
+    """Return a function that reads numbers from `low` to `high`, as many as one of `counts` says, if it is given."""
 
+    def read(value: str) -> tuple[Any, ...]:
+        found = tuple(kind(part) for part in value.lower().split(separator))
+        if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
+            raise ValueError
+        return found
 
-def _picture_size(value: str) -> tuple[int, int]:
-    width, height = map(int, _matched(r"(\d{1,5})x(\d{1,5})", value))
-    if not (MIN_PIXELS <= width <= MAX_PIXELS and MIN_PIXELS <= height <= MAX_PIXELS):
-        raise ValueError
-    return width, height
+    return read
 
 
 def _noise_level(value: str) -> str:
@@ -109,19 +107,17 @@ def _band(value: str) -> tuple[float, float]:
     return low, high
 
 
-whole_numbers = ValueOf(
-    lambda value: [int(part) for part in value.split(",")],
-    "is not a list of whole numbers; write them with commas between, as 1,5,9",
-)
-numbers = ValueOf(
-    lambda value: [float(part) for part in value.split(",")],
-    "is not a list of numbers; write them with commas between, as 1,5,9",
-)
+whole_numbers = ValueOf(_separated(",", int), "is not a list of whole numbers; write them as 1,5,9")
+numbers = ValueOf(_separated(","), "is not a list of numbers; write them as 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
 distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
-room_size = ValueOf(_room_size, "is not the size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7")
+room_size = ValueOf(
+    _separated("x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
+    "is not the size of a room; write lengths above zero, in metres, as 6x5 or 6x5x2.7",
+)
 picture_size = ValueOf(
-    _picture_size, f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each"
+    _separated("x", int, MIN_PIXELS, MAX_PIXELS, (2,)),
+    f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
 )
 noise_level = ValueOf(
     _noise_level,
@@ -141,8 +137,8 @@ decibels = ValueOf(_with_unit("(?i:dB)"), "must be decibels with their unit, as 
 percentage = ValueOf(lambda value: _with_unit("%")(value) / 100, "must be a number of percent with its sign, as 0.3%")
 
 
-class Number(click.types.FloatParamType):
-    """A finite number: the type of every option of one number."""
+class Number(click.FloatRange):
+    """A finite number, perhaps within bounds: the type of every option of one number."""
 
     def convert(self, value, param, ctx) -> float:
         number = super().convert(value, param, ctx)
@@ -151,47 +147,19 @@ class Number(click.types.FloatParamType):
         return number
 
 
-class NumberInRange(click.FloatRange, Number):
-    """A finite number within bounds."""
-
-
-class RoomOrScene(click.ParamType):
-    """Lengths of a rectangular room, metres, as 7x6x2.7, or a scene whose room is a rectangle.
-
-    A class, since click takes an `InputError` of a function for its own.
-    """
-
-    name = "room"
-
-    def convert(self, value, param, ctx) -> tuple[float, ...]:
-        if value[:1].isdigit():
-            return room_size.convert(value, param, ctx)
-        from ..model.scene import MeasuredScene, load_scene
-
-        scene = load_scene(value)
-        size = scene.room.size
-        if size is None or isinstance(scene, MeasuredScene):
-            self.fail(f"the room of {value} is unknown or no rectangle; give its lengths, as 7x6x2.7", param, ctx)
-        return tuple(size)
-
-
-def search_domain(
-    own: Search | None, dimension: int, search: list[float] | None, radius: float | None
-) -> Search | None:
+def search_domain(own: Search | None, dimension: int, search: Sequence[float] | None, radius: float | None):
     """Return the search domain of --search and --radius; values that are not given are those of the domain `own`."""
-    if search is None and radius is None:
-        return own
-    if radius is None or (search is None and own is None):
-        if own is None:
-            raise InputError("the measurement has no search domain", "give both <search> and <radius>", key="search")
-        radius = own.radius
+    if own is None and (search is None) != (radius is None):
+        raise InputError("the measurement has no search domain", "give both <search> and <radius>", key="search")
+    if radius is None:
+        radius = 0.0 if own is None else own.radius
     if search is None:
         return None if own is None else replace(own, radius=radius)
     if len(search) != 2 * dimension + 1:
         layout = ",".join([*"xyz"[:dimension], *("width", "height", "depth")[:dimension], "step"])
         text = ",".join(f"{value:g}" for value in search)
         remedy = f"give {2 * dimension + 1} metres: {layout}"
-        raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search", value=search)
+        raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search")
     return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
 
 
@@ -199,7 +167,7 @@ def microphone_number(number: int, count: int) -> int:
     """Return the number of a microphone, counted from 0; InputError if there is none."""
     if not 0 <= number < count:
         remedy = f"the array has microphones 0 to {count - 1}"
-        raise InputError(f"--microphone {number} does not exist", remedy, key="microphone", value=number)
+        raise InputError(f"--microphone {number} does not exist", remedy, key="microphone")
     return number
 
 
@@ -212,25 +180,19 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
         problem = f'-o "{text}" must end in {" or ".join(allowed)}'
-        raise InputError(problem, f"write {path.stem or 'result'}{allowed[0]}", key="output", value=text)
+        raise InputError(problem, f"write {path.stem or 'result'}{allowed[0]}", key="output")
     if path.is_dir():
-        raise InputError(f"-o {text} is a folder", "name a file", key="output", value=text)
+        raise InputError(f"-o {text} is a folder", "name a file", key="output")
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
         if linked or os.path.realpath(source) == os.path.realpath(path):
             problem = f"-o {text} is the input itself, which is never overwritten"
-            raise InputError(problem, "choose another name", key="output", value=text)
+            raise InputError(problem, "choose another name", key="output")
     if path.exists() and not force:
-        remedy = "add <force> to overwrite it, or choose another name"
-        raise InputError(f"-o {text} exists", remedy, key="output", value=text)
+        raise InputError(f"-o {text} exists", "add <force> to overwrite it, or choose another name", key="output")
     return path
-
-
-def option_name(key: str) -> str:
-    """Return the option for an argument that has the same name on the command line."""
-    return f"--{key.replace('_', '-')}"
 
 
 # Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
@@ -238,6 +200,7 @@ NAMED_ALIKE = (
     "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
     "channels known_sigma leave_out max_rows microphone modes port positions reference "
     "rate room seconds seed solver sound_speed source split step subset table temperature windows "
+    "gains noise start sound_speed_sigma"
 )
 OPTIONS = {
     "array_radius": "--array-radius R",
@@ -254,7 +217,7 @@ OPTIONS = {
     "snr": "--snr DB",
     "time_limit": "--time-limit SECONDS",
 }
-OPTIONS |= {key: option_name(key) for key in (*NAMED_ALIKE.split(), "gains", "noise", "start", "sound_speed_sigma")}
+OPTIONS |= {key: f"--{key.replace('_', '-')}" for key in NAMED_ALIKE.split()}
 
 
 BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
@@ -335,7 +298,7 @@ def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> C
             fixed = field.default is not None and record is ImportOptions  # a scene has settings of its own
             default = f"  [default: {field.default}]" if fixed else ""
             command = click.option(
-                option_name(field.name),
+                f"--{field.name.replace('_', '-')}",
                 type=types.get(field.name, Number() if kind is float else kind),
                 metavar=field.metadata["metavar"],
                 callback=lambda _, __, value, number=number: number(value) if number and value else value,
@@ -384,7 +347,7 @@ def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> Impor
         key, remedy = next(iter(given)), ""
         if key == "known":
             remedy = f": use {', '.join(KNOWN)}, or import with them: fdcal import INPUT -o FILE.npz --known FILE.csv"
-        raise InputError(f"{other} holds no recordings", f"leave out <{key}>{remedy}", key=key, value=given[key])
+        raise InputError(f"{other} holds no recordings", f"leave out <{key}>{remedy}", key=key)
     return ImportOptions(**given)
 
 
@@ -392,11 +355,9 @@ def scene_of(text: str) -> CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
-        from ..model.scene import scene_names
-
         names = ", ".join(name for name in scene_names() if name != text)
         remedy = f"give a scene that is simulated: a .toml file or one of {names}"
-        raise InputError(f"{text} is a measurement", remedy, key="scene", value=text)
+        raise InputError(f"{text} is a measurement", remedy, key="scene")
     return inputs
 
 
@@ -441,7 +402,6 @@ def open_request_of(text: str) -> OpenRequest:
         from ..session.session_file import read
 
         return read(text)
-    from ..model.scene import load_scene, scene_names
     from ..session.sources import check_scene, is_recording, load_input, measurement_request, scene_request
 
     shipped = text in scene_names()

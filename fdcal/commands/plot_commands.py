@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from ..model.validation import InputError
+from ..model.settings import search_around
+from ..model.storage import folder_in_progress, write_atomically
+from ..model.validation import InputError, parse_modes
 from . import options as opt
 from .options import microphone_number
 
@@ -42,19 +43,23 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     """
     path = opt.output_path(output, [".png", ".svg", ".vti"], force)
     from ..cost.maps import landscape_panels
-    from ..model.settings import search_around
-    from ..model.storage import write_atomically
 
     inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
     n = microphone_number(microphone, measurement.count)
     measured, remedy = len(measurement.frequencies), f"the measurement has 1 to {len(measurement.frequencies)}"
     if wrong := [mode for mode in mode_numbers or () if not 1 <= mode <= measured]:
-        raise InputError(f"--mode-numbers names mode {wrong[0]}", remedy, key="mode_numbers", value=wrong[0])
+        raise InputError(f"--mode-numbers names mode {wrong[0]}", remedy, key="mode_numbers")
     modes = sorted(set(mode_numbers or [mode for mode in (1, 5, 9) if mode <= measured]))
     positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
-        write_volume(path, inputs, positions, n, force)
+        from ..graphics.exports import volume_vti
+
+        sampled = volume_around(inputs, positions, n, measured)
+        text = volume_vti(sampled.cost, sampled.search)
+        write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
+        lowest = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
+        print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({lowest}) m")
         return
     searched = replace(measurement, search=search_around(positions, measurement.search))
     problem = searched.problem(inputs.settings.weights)
@@ -96,7 +101,6 @@ def field(source, result, frequencies, step, output, force):
     """
     from ..assessment.field import field_map
     from ..graphics.exports import FIELD_WRITERS
-    from ..model.storage import write_atomically
 
     path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
     found = opt.result_of(result)
@@ -130,7 +134,7 @@ def snapshot(scene, result, microphone, wave, view, size, output, force):
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
-        raise InputError(f"{scene} is a measurement", "give a scene", key="scene", value=scene)
+        raise InputError(f"{scene} is a measurement", "give a scene", key="scene")
     positions, title, floor, volume = None, scene_shown.title, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
@@ -165,8 +169,6 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     path = opt.output_path(output, ".html", force)
     from ..cost.eq7 import reference_cost_of
     from ..graphics.replay import replay_html
-    from ..model.settings import search_around
-    from ..model.storage import write_atomically
     from ..session.calibration_run import counted_microphones, states_of
     from ..session.session import recorded
     from ..session.sources import as_given, with_settings
@@ -197,8 +199,6 @@ def gallery(output: str, force: bool):
     It plays the paper's Fig. 1, and holds the lessons, the paper's arrays 1 and 2, an array in three dimensions and a
     bad channel. It needs no network.
     """
-    from ..model.storage import folder_in_progress
-
     with folder_in_progress(output, force) as folder:
         from .gallery_pages import gallery_pages
 
@@ -243,7 +243,6 @@ def map_of(
     from ..graphics.heatmap import MAX_WAVES, cost_floor, wave_floor
     from ..graphics.picture import z_range_of
     from ..graphics.volume import layer_floor, volume_of
-    from ..model.validation import parse_modes
 
     measurement, settings = inputs.measurement, inputs.settings
     if measurement.search is None:
@@ -251,10 +250,10 @@ def map_of(
         raise InputError(problem, "leave out <microphone>", key="microphone")
     if wave is not None:
         if measurement.array_dimension == 3:
-            raise InputError(f"{inputs.name} is an array in space", "give an array in a plane", key="wave", value=wave)
+            raise InputError(f"{inputs.name} is an array in space", "give an array in a plane", key="wave")
         numbers, remedy = parse_modes(wave, len(measurement.frequencies)), f"name 1 to {MAX_WAVES} modes"
         if len(numbers) > MAX_WAVES:
-            raise InputError(f"{len(numbers)} waves are too many", remedy, key="wave", value=wave)
+            raise InputError(f"{len(numbers)} waves are too many", remedy, key="wave")
         names = [(mode, f"mode {mode}, {measurement.frequencies[mode - 1]:.1f} Hz") for mode in numbers]
         return wave_floor(measurement.problem(settings.weights), positions, n, names, settings.order_offset), None
     if measurement.array_dimension == 3:
@@ -269,18 +268,6 @@ def map_of(
     # the cost that a step of descent minimises
     cost = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
     return cost_floor(cost, measurement.search, log=True, minima=minima_of(cost, measurement.search)), None
-
-
-def write_volume(path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool) -> None:
-    """Write the cost of moving a microphone in space, summed over all modes, for ParaView."""
-    from ..graphics.exports import volume_vti
-    from ..model.storage import write_atomically
-
-    sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
-    text = volume_vti(sampled.cost, sampled.search)
-    write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
-    place = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
-    print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")
 
 
 COMMANDS = (landscape, field, snapshot, replay, gallery)

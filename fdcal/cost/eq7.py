@@ -224,7 +224,7 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
     if count > measured:
         fault = f"{count} modes asked for (solver.modes), but {measured} were measured"
-        raise InputError(fault, f"use at most {measured}", key="modes", value=count)
+        raise InputError(fault, f"use at most {measured}", key="modes")
     if count <= usable:
         return
     R = search_domain(problem).radius
@@ -241,7 +241,7 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
         f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
     )
     remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
-    raise InputError(fault, remedy, key="modes", value=count)
+    raise InputError(fault, remedy, key="modes")
 
 
 def _row(problem: Problem) -> str:
@@ -258,14 +258,14 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
             f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
             f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
         )
-        raise InputError(fault, f"use a lower order or lower {_row(problem)}s", key="order_offset", value=order_offset)
+        raise InputError(fault, f"use a lower order or lower {_row(problem)}s", key="order_offset")
 
 
 def require_plane_field(problem: Problem) -> None:
     """Raise InputError for a field of three dimensions, for which there is no lattice dictionary."""
     if problem.dimension != 2:
         fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
-        raise InputError(fault, "see its maps on the page: fdcal view", key="dimension", value=3)
+        raise InputError(fault, "see its maps on the page: fdcal view", key="dimension")
 
 
 class FieldExpansion:

@@ -266,8 +266,7 @@ def cost_volume(
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
-        dimension = len(moved.centre)
-        raise InputError("the array is in a plane", "use a map of two dimensions", key="dimension", value=dimension)
+        raise InputError("the array is in a plane", "use a map of two dimensions", key="dimension")
     found: list[NodeTerms] = []
     for _, terms in moved.at_nodes(modes, 3, negligible):
         if cancelled():

@@ -34,7 +34,7 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
         text = "x".join(str(length) for length in size)
         problem = f"size = {text} pixels is not usable"
         remedy = f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800"
-        raise InputError(problem, remedy, key="size", value=size)
+        raise InputError(problem, remedy, key="size")
     require_choice("view", view, VIEWS)
     try:
         return call(png_bytes, picture, tuple(size), view, seconds=TIMEOUT)

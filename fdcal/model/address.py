@@ -58,7 +58,7 @@ def parse_address(text: str) -> dict[str, str]:
         again = key in parts or (key in UNITS and unit_of(parts))
         if again or key not in ADDRESS or not re.fullmatch(ADDRESS[key], value):
             remedy = f"use each of {', '.join(ADDRESS)} once, as a page writes them, and one of step, sweep and stage"
-            raise InputError(f'the address has "{shown(key)}={shown(value)}"', remedy, key=key, value=value)
+            raise InputError(f'the address has "{shown(key)}={shown(value)}"', remedy, key=key)
         parts[key] = value
     return parts
 

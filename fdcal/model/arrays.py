@@ -43,13 +43,12 @@ def positions_of(scene: Scene) -> np.ndarray:
                 raise InputError(f"{wall}, where nothing may obstruct the sound", remedy, key=key)
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
-        remedy = "remove at least one from gauge.known"
-        raise InputError("gauge leaves no microphone to be found", remedy, key="gauge.known")
+        raise InputError("gauge leaves no microphone to be found", "remove one from gauge.known", key="gauge.known")
     blind = scene.room.dimension == 3 and not known  # solver "joint" needs no known microphone
     if not blind and not fixes_gauge(positions[list(known)]):
         key, value = ("gauge.known", known) if scene.gauge.free is None else ("gauge.free", scene.gauge.free)
         problem = f"{key} = {list(value)} does not fix translation, rotation and mirror image"
-        raise InputError(problem, f"leave at least {MIN_KNOWN[positions.shape[1]]}", key=key, value=value)
+        raise InputError(problem, f"leave at least {MIN_KNOWN[positions.shape[1]]}", key=key)
     if scene.search is not None:
         low = np.array(scene.search.origin)
         high = low + scene.search.step * (np.array(scene.search.shape) - 1)
@@ -109,10 +108,10 @@ def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.nda
         point = np.array([place]) if scene.room.cell is None else snap(np.array([place]), scene.room.cell)
         if not inside(point).all():
             problem = f"{name} = {list(place)} m lies outside the room or in a wall"
-            raise InputError(problem, "move it inside the room", key=name, value=list(place))
+            raise InputError(problem, "move it inside the room", key=name)
         if hull_meets(positions, point):
             problem = f"{name} = {list(place)} m lies inside the array, where the field must have no source"
-            raise InputError(problem, "move it outside the convex hull of the microphones", key=name, value=list(place))
+            raise InputError(problem, "move it outside the convex hull of the microphones", key=name)
 
 
 def positions_3d(scene: Scene) -> np.ndarray:

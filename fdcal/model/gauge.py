@@ -46,7 +46,7 @@ def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
         remedy = (
             f"the minimal gauge needs {D + 1} known microphones that span the array: a position, a direction, a side"
         )
-        raise InputError(problem, remedy, key="known", value=np.asarray(known).tolist())
+        raise InputError(problem, remedy, key="known")
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(positions[chosen], float))
 
 

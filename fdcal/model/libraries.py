@@ -50,11 +50,7 @@ def needs(name: str) -> ModuleType:
 
 
 class ProcessError(OSError):
-    """A process ended without a result; the text gives the reason in one line."""
-
-
-class LimitError(ProcessError):
-    """A process reached its limit of time or memory."""
+    """A process ended without a result, or reached a limit; the text gives the reason in one line."""
 
 
 def call(
@@ -79,17 +75,17 @@ def call(
             env={**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
         )
     except subprocess.TimeoutExpired:
-        raise LimitError(f"it takes more than {seconds:g} s") from None
+        raise ProcessError(f"it takes more than {seconds:g} s") from None
     except OSError as error:
         raise ProcessError(f"no process can be started: {error}") from error
     if child.returncode == -signal.SIGXCPU:
-        raise LimitError(f"it takes more than {processor_seconds} s of processor time")
+        raise ProcessError(f"it takes more than {processor_seconds} s of processor time")
     if child.returncode < 0:
         raise ProcessError(f"the library that it needs crashed, {signal.Signals(-child.returncode).name}")
     if child.returncode:  # the last line has the reason
         lines = child.stderr.decode(errors="replace").strip().splitlines() or [f"exit status {child.returncode}"]
         if memory is not None and "MemoryError" in lines[-1].split(":")[0]:
-            raise LimitError(f"it takes more than {memory / 1e9:g} GB of memory")
+            raise ProcessError(f"it takes more than {memory / 1e9:g} GB of memory")
         raise ProcessError(shown(lines[-1], 200))
     result, error = pickle.loads(child.stdout)
     if error is not None:
@@ -106,11 +102,9 @@ def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: An
     """Call a function in a process of its own and return its result; InputError that names `path` if it fails."""
     try:
         return call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
-    except LimitError as error:
-        remedy = "it is too large, or damaged: divide it into shorter files, or write it as .wav or .npz"
-        raise InputError(f"{path} cannot be read: {error}", remedy) from error
     except ProcessError as error:
-        raise InputError(f"{path} cannot be read: {error}", "it is damaged: copy or write it again") from error
+        remedy = "it is damaged or too large: copy it again, or write shorter files, as .wav or .npz"
+        raise InputError(f"{path} cannot be read: {error}", remedy) from error
 
 
 def main() -> None:

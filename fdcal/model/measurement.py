@@ -145,7 +145,7 @@ class Measurement:
             if not derived and of_speed != self.sound_speed:
                 speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"
                 remedy = "give <wavenumbers>, too: those of the new speed, or None for 2 pi f / c"
-                raise InputError(speeds, remedy, key="wavenumbers", value=self.sound_speed)
+                raise InputError(speeds, remedy, key="wavenumbers")
         k = 2 * np.pi * self.frequencies / self.sound_speed if derived else k
         put("wavenumbers", require_array("wavenumbers", k, "number", (rows,), "rad/m"))
         put("origin", (self.wavenumbers, self.sound_speed, derived))
@@ -173,14 +173,19 @@ class Measurement:
             raise InputError("nominal is neither true nor false", "give True or False", key="nominal")
         put("nominal", bool(self.nominal))
         if self.spectrum is not None:
-            put("spectrum", _checked_spectrum(self.spectrum, self.take_count))
+            drawn = require_array("spectrum", self.spectrum, "real", (None, None), "Hz and mean power")
+            lengths, ascending = (2, 1 + self.take_count), drawn.shape[1] > 1 and np.all(np.diff(drawn[0]) > 0)
+            if len(drawn) not in lengths or not ascending or np.any(drawn[1:] < 0):
+                problem = f"spectrum has {len(drawn)} rows: it needs ascending frequencies, then powers of zero or more"
+                raise InputError(problem, "leave it out", key="spectrum")
+            put("spectrum", drawn)
         given = () if self.known is None else self.known
         known, places = checked_known(given, self.known_positions, self.positions, N, D)
         put("known", known)
         put("known_positions", places)
         if self.search is not None and len(self.search.size) != D:
             problem = f"search_size has {len(self.search.size)} lengths and the positions have {D} coordinates"
-            raise InputError(problem, f"give {D} lengths", key="search_size", value=self.search.size)
+            raise InputError(problem, f"give {D} lengths", key="search_size")
         steps = np.diff(self.frequencies)
         if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not several and np.any(steps == 0)):
             problem = "frequencies must be above zero and ascending" + ("" if several else ", each once")
@@ -319,20 +324,16 @@ class Measurement:
                 times.append(np.full((rows, one.count), np.nan) if one.arrivals is None else one.arrivals)
                 sigmas.append(usual if one.arrival_sigma is None else one.arrival_sigma)
             arrivals, sigma = np.concatenate(times), np.concatenate(sigmas)
-        merged = cls(
-            f[order],
-            np.concatenate([one.pressures for one in each])[order],
-            each[0].sound_speed,
-            each[0].dimension,
-            each[0].array_dimension,
+        merged = replace(
+            each[0],
+            frequencies=f[order],
+            pressures=np.concatenate([one.pressures for one in each])[order],
             wavenumbers=np.concatenate([one.wavenumbers for one in each])[order],
             noise_power=np.concatenate(noise)[order] if len(noise) == len(each) else None,
-            names=each[0].names,
             positions=None if placed is None else placed.positions,
             nominal=placed is not None and placed.nominal,
             known=known.known,
             known_positions=known.known_positions,
-            search=each[0].search,
             spectrum=spectrum,
             takes=takes[order],
             arrivals=arrivals,
@@ -378,7 +379,7 @@ class Measurement:
         chosen, numbers = self.takes == take, np.unique(self.takes)
         if not np.any(chosen):
             listed = ", ".join(map(str, numbers[:20]))
-            raise InputError(f"there is no take {take}", f"use one of {listed}", key="take", value=take)
+            raise InputError(f"there is no take {take}", f"use one of {listed}", key="take")
         spectrum, others = self.spectrum, np.arange(take + 1)[:, None] != take
         if spectrum is not None and len(spectrum) > 2:  # one for each take
             spectrum = spectrum[[0, 1 + int(np.searchsorted(numbers, take))]]
@@ -477,7 +478,7 @@ class Measurement:
         elif wrong := [x for x in (largest.min(), largest.max()) if not LIMITS.weakest <= x <= LIMITS.strongest]:
             problem = f'pressures of {wrong[0]:.3g} cannot be squared with solver.weights = "raw"'
             unit = f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}"
-            raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights", value="raw")
+            raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights")
         everything = known == "all"
         return Problem(
             pressures=frozen_array(pressures, complex),
@@ -512,19 +513,6 @@ def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarr
     return require_array("pressures", values, "complex", (modes, None), what)
 
 
-def _checked_spectrum(values: Any, take_count: int) -> np.ndarray:
-    """Return checked frequencies and mean power, of all takes or of each : (2 or 1 + T, F) float64."""
-    rows = (2, 1 + take_count)
-    array = require_array("spectrum", values, "real", (None, None), "Hz and mean power")
-    if len(array) not in rows:
-        problem, remedy = f"spectrum has {len(array)} rows", f"give frequencies and power: {rows[-1]}, or 2 rows"
-        raise InputError(problem, remedy, key="spectrum")
-    if array.shape[1] < 2 or np.any(np.diff(array[0]) <= 0) or np.any(array[1:] < 0):
-        problem = "spectrum must hold ascending frequencies and powers that are not negative"
-        raise InputError(problem, "leave it out", key="spectrum")
-    return array
-
-
 def _checked_arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -544,8 +532,8 @@ def _checked_arrivals(
     array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
     latest = float(np.abs(array).max(initial=0.0))
     if latest > LATEST_ARRIVAL:
-        problem = f"an arrival of {latest:.3g} s is too late"
-        raise InputError(problem, f"use times within {LATEST_ARRIVAL:g} s of 0", key="arrivals")
+        problem = f"an arrival at {latest:.3g} s is too late"
+        raise InputError(problem, f"stay within {LATEST_ARRIVAL:g} s", key="arrivals")
     sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
     if np.ndim(sigma) == 0:
         sigma = np.full(rows, convert(np.asarray(sigma).item(), Seconds, "arrival_sigma"))
@@ -565,12 +553,11 @@ def checked_known(
         remedy = f"name each microphone of 0 to {count - 1} at most once"
         raise InputError(f"known = {listed} names a microphone twice or one that does not exist", remedy, key="known")
     if len(listed) == count:
-        problem = f"known names all {count} microphones, which leaves no microphone to be found"
-        raise InputError(problem, "leave some out", key="known", value=listed)
+        problem = f"known names all {count} microphones: none is left to be found"
+        raise InputError(problem, "leave some out", key="known")
     if positions is None:
         if listed and truth is None:
-            problem = "known names microphones but known_positions is missing"
-            raise InputError(problem, "add it, shape (A, D)", key="known_positions")
+            raise InputError("known_positions is missing", "add it, shape (A, D)", key="known_positions")
         positions = np.zeros((0, D)) if truth is None else truth[numbers]
     positions = require_array("known_positions", positions, "real", (len(listed), D), "m, one row for each of known")
     order = np.argsort(numbers)
@@ -584,7 +571,7 @@ def _require_usable(measurement: Measurement) -> None:
     )  # fmt: skip
     if not len(values) or measurement.count < 2:
         problem = f"pressures of shape {values.shape} are too few"
-        raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
+        raise InputError(problem, "give one frequency and two microphones", key="pressures")
     # With other signs a wave runs backwards or grows with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
@@ -593,7 +580,7 @@ def _require_usable(measurement: Measurement) -> None:
             " of zero, or below zero for a wave that decays: the time sign is exp(+j w t)"
         )
         remedy = "with the other time sign give the conjugates of wavenumbers and pressures"
-        raise InputError(problem, remedy, key="wavenumbers", value=k[wrong[0]])
+        raise InputError(problem, remedy, key="wavenumbers")
     # Wavenumbers far from 2 pi f / c are mistakes.
     usual = 2 * np.pi * f / measurement.sound_speed
     wrong = np.flatnonzero(np.abs(np.log(np.abs(k) / usual)) > np.log(LIMITS.dispersion))
@@ -603,16 +590,14 @@ def _require_usable(measurement: Measurement) -> None:
             f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {f[m]:g} Hz with sound_speed ="
             f" {measurement.sound_speed:g} m/s, where 2 pi f / c = {usual[m]:.6g} rad/m"
         )
-        raise InputError(problem, "correct them, or leave them out", key="wavenumbers", value=k[m])
+        raise InputError(problem, "correct them, or leave them out", key="wavenumbers")
     silent = np.flatnonzero(~np.any(values, axis=0))
     if len(silent):
         name = measurement.names[silent[0]]
-        problem = f'microphone "{name}" has zero pressure at every frequency'
-        raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
+        raise InputError(f'microphone "{name}" has zero pressure', f"leave it out: <exclude> {name}", key="pressures")
     silent = np.flatnonzero(~np.any(values, axis=1))
     if len(silent):
-        problem = f"pressures at {f[silent[0]]:g} Hz are zero at every microphone"
-        raise InputError(problem, "leave that frequency out", key="pressures")
+        raise InputError(f"pressures at {f[silent[0]]:g} Hz are all zero", "leave that frequency out", key="pressures")
     if noise is None:
         return
     if np.any(noise < 0):
@@ -628,7 +613,7 @@ def _require_usable(measurement: Measurement) -> None:
         if worst * max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3 > 1:
             problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, of which it is a part"
             remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
-            raise InputError(problem, remedy, key="noise_power", value=noise[m])
+            raise InputError(problem, remedy, key="noise_power")
 
 
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
@@ -669,7 +654,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
     if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
         return int(text)
     remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
-    raise InputError(f'"{text}" is not the name of a microphone', remedy, key=key, value=text)
+    raise InputError(f'"{text}" is not the name of a microphone', remedy, key=key)
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:

@@ -11,6 +11,9 @@
 
 Lengths are metres, frequencies hertz, speeds metres per second. A TOML file holds a scene, simulated or a measurement
 with a title; some come with fdcal.
+
+A measured room is an impulse response with directions of arrival, given by name or as a file. The response was measured
+at one point; the field between the microphones is modelled, as `fdcal.acoustics.plane_waves` describes.
 """
 
 from __future__ import annotations
@@ -20,32 +23,268 @@ import math
 import os
 import typing
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 
 from .measurement import Measurement, load_measurement
-from .room import SUFFIX, Room, Source, folder_of, is_no_pair, is_triple
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .storage import parse_toml, read_bytes
 from .validation import (
     LIMITS,
     Count,
+    Hertz,
     InputError,
     Metres,
+    MetresPerSecond,
     Point,
+    Seconds,
     Seed,
+    StorageError,
     build,
     check,
     refusal,
     require_choice,
     require_point,
     shown,
-    shown_literal,
     within,
 )
+
+SUFFIX = ".mat"
+UNKNOWN_WALLS = "unknown"  # room.walls of a measured room
+MEASURED_AND_MODELLED = (
+    "The impulse response is measured, at one point, with the direction of arrival of each sample. The field between"
+    " the microphones is modelled: each sample is a plane wave from its direction. Walls and source are unknown."
+)
+
+
+def folder_of(name: str) -> Path:
+    """Return a folder of files that come with fdcal: in the checkout, or inside an installed package."""
+    beside = Path(__file__).parents[1] / name
+    return beside if beside.is_dir() else Path(__file__).parents[2] / name
+
+
+def response_names() -> list[str]:
+    """Return the names of the responses that come with fdcal."""
+    return sorted(path.stem for path in folder_of("rooms").glob(f"*{SUFFIX}"))
+
+
+def response_path(text: str) -> Path:
+    """Return the file of a response that is given by its name or its path; StorageError if it is missing."""
+    path = Path(text) if text.lower().endswith(SUFFIX) else folder_of("rooms") / f"{text}{SUFFIX}"
+    if not path.is_file():
+        raise StorageError(f"cannot read {path}: No such file or directory")
+    return path
+
+
+WALLS = ("rigid", "pressure-release", "absorbing")
+
+
+@dataclass(frozen=True)
+class Room:
+    """Walls and air. Give `size`, `outline` or `response`."""
+
+    # lengths of a rectangle with a corner at the origin, metres. Three lengths make a box, whose field is
+    # three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells
+    size: tuple[Metres, ...] | None = None
+    outline: tuple[Point, ...] | None = None  # corners of the floor in order, metres
+    walls: str = ""  # one of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room
+    admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls, dimensionless
+    sound_speed: MetresPerSecond = 343.0  # c
+    cell: Metres | None = None  # h, edge of one FDTD cell; 0.02 unless given. A box has none.
+    # name or path of the response of a measured room (see the module), whose field is of three dimensions.
+    # In a scene file, `room = "NAME"` is short for a table with this key alone
+    response: str | None = None
+
+    @staticmethod
+    def optional(table: dict[str, Any]) -> tuple[str, ...]:
+        """Return the keys that a scene file may leave out."""
+        if "response" in table:
+            return "size", "outline", "admittance", "cell", "walls", "sound_speed"
+        return "response", "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
+
+    def __post_init__(self):
+        if self.response is not None:
+            if not self.response.lower().endswith(SUFFIX) and self.response not in response_names():
+                remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
+                raise refusal("room.response", self.response, "is unknown", remedy)
+            for key in ("size", "outline", "cell", "walls", "admittance"):
+                value = getattr(self, key)
+                if value and value != UNKNOWN_WALLS:
+                    problem = f"room.{key} = {value!r} has no meaning in a measured room, whose walls are unknown"
+                    raise InputError(problem, "remove it", key=f"room.{key}")
+            object.__setattr__(self, "walls", UNKNOWN_WALLS)
+            check(self, "room.")
+            return
+        object.__setattr__(self, "walls", self.walls or "rigid")
+        if self.dimension == 2:
+            object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
+        elif self.cell is not None:
+            why = "has no meaning with a room.size of three lengths, whose field is known in closed form"
+            raise refusal("room.cell", self.cell, why, "remove it", "m")
+        if (self.size is None) == (self.outline is None):
+            raise InputError("room needs either room.size or room.outline", "give exactly one", key="room.size")
+        if self.size is not None:
+            require_point("room.size", self.size, (2, 3))
+        check(self, "room.")
+        for corner in self.outline or ():
+            require_point("room.outline", corner, (2,))
+        if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell_size**2):
+            remedy = "give at least three corners [x, y], in order"
+            raise InputError("room.outline encloses no area", remedy, key="room.outline")
+        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
+        if cells > LIMITS.cells:
+            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
+            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
+        require_choice("room.walls", self.walls, WALLS)
+        if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
+            remedy = 'give a number above zero (or set room.walls = "rigid")'
+            raise refusal("room.admittance", self.admittance, "cannot describe absorbing walls", remedy)
+        if self.walls != "absorbing" and self.admittance != 0:
+            why = f'has no meaning with room.walls = "{self.walls}"'
+            raise refusal("room.admittance", self.admittance, why, 'remove it or set room.walls = "absorbing"')
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the sound field, 2 or 3."""
+        return 3 if self.response is not None or is_triple(self.size) else 2
+
+    @property
+    def cell_size(self) -> float:
+        """Edge h of one FDTD cell, metres; InputError for a box, which has no cells."""
+        if self.cell is None:
+            raise InputError(f"room.size = {list(self.size or ())} has three lengths", "simulate it in closed form")
+        return self.cell
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Corners of the outline, or of the floor of a box; none of a measured room : (V, 2) float64 array, metres."""
+        if self.response is not None:
+            return np.empty((0, 2))
+        if self.outline is not None:
+            return np.array(self.outline, dtype=float)
+        width, depth = (self.size or (0.0, 0.0))[:2]
+        return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
+
+    @property
+    def area(self) -> float:
+        """Area of the outline, m^2 (shoelace formula)."""
+        x, y = self.vertices.T
+        return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+class Band(typing.NamedTuple):
+    """Band of a simulated pulse and the rate that it is sampled with, Hz."""
+
+    low: float
+    high: float
+    sample_rate: float
+
+
+@dataclass(frozen=True)
+class Source:
+    """The source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
+
+    With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` is used.
+    It has one position, or several, one after the other: the recording from each position is a take.
+    """
+
+    position: Point | None = None  # its only position, metres; None if `positions` is given
+    # low, high: band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates
+    low: Hertz | None = None
+    high: Hertz | None = None
+    sample_rate: Hertz | None = None  # fs; 28590 unless given. None with three coordinates
+    duration: Seconds = 4.0  # of the recording of each take
+    positions: tuple[Point, ...] = ()  # one for each take, metres; () if `position` is given
+
+    DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
+
+    @classmethod
+    def optional(cls, table: dict[str, Any]) -> tuple[str, ...]:
+        """Return the keys that a scene file may leave out."""
+        places = table.get("positions")
+        first = places[0] if isinstance(places, list) and places else table.get("position")
+        other = "position" if "positions" in table else "positions"
+        return other, *(cls.DEFAULTS._fields if is_no_pair(first) else ())
+
+    def __post_init__(self):
+        if (self.position is None) == (not self.positions):
+            problem, remedy = "source.position and source.positions are both given", "keep one of them"
+            if self.position is None:
+                problem, remedy = "source.position is missing", "add it, or source.positions"
+            raise InputError(problem, remedy, key="source.position")
+        if len(self.positions) > LIMITS.takes:
+            problem = f"source.positions has {len(self.positions)} positions"
+            raise InputError(problem, f"use at most {LIMITS.takes}", key="source.positions")
+        for number, (key, place) in enumerate(zip(self.keys, self.places, strict=True)):
+            require_point(key, place, (len(self.places[0]),) if number else (2, 3))
+            if place in self.places[:number]:
+                raise InputError(f"{key} = {list(place)} m is given twice", "move it to another position", key=key)
+        check(self, "source.")
+        pulsed = self.dimension == 2
+        for key, default in self.DEFAULTS._asdict().items():
+            value = getattr(self, key)
+            if not pulsed and value is not None:
+                why = "has no meaning with a source of three coordinates, where no pulse is simulated"
+                raise refusal(f"source.{key}", value, why, "remove it", "Hz")
+            if pulsed:
+                object.__setattr__(self, key, default if value is None else value)
+        if pulsed and not self.band.low < self.band.high < self.band.sample_rate / 2:
+            problem = f"source.low = {self.low:g} Hz and source.high = {self.high:g} Hz must be in ascending order and"
+            problem += f" below half of source.sample_rate = {self.sample_rate:g} Hz"
+            raise InputError(problem, "change one of the three", key="source.high")
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of its positions, 2 or 3."""
+        return len(next(iter(self.places)))
+
+    @property
+    def places(self) -> tuple[Point, ...]:
+        """All positions of the source, one for each take, metres."""
+        return self.positions if self.position is None else (self.position,)
+
+    @property
+    def place(self) -> Point:
+        """The only position of the source, metres; InputError if it has several."""
+        if self.position is None and len(self.positions) != 1:
+            problem = f"the source has {len(self.places)} positions, and one is simulated at a time"
+            raise InputError(problem, "use Source.each()", key="source.positions")
+        (place,) = self.places
+        return place
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of its positions for messages: "source.position", or "source.positions[1]" and so on."""
+        return tuple(f"source.positions[{i + 1}]" for i in range(len(self.positions))) or ("source.position",)
+
+    def each(self) -> tuple[Source, ...]:
+        """Return one source for each position, which has only this one."""
+        return tuple(replace(self, position=place, positions=()) for place in self.places)
+
+    def table(self) -> dict[str, Any]:
+        """Return the values for the key of the cache, as a dictionary without empty `positions`."""
+        return {key: value for key, value in asdict(self).items() if key != "positions" or value}
+
+    @property
+    def band(self) -> Band:
+        """Band and sampling rate of the simulated pulse; InputError with three coordinates, which need no pulse."""
+        if self.low is None or self.high is None or self.sample_rate is None:
+            why = "has three coordinates, so that no pulse is simulated"
+            raise refusal("source.position", list(self.places[0]), why, "give two coordinates")
+        return Band(self.low, self.high, self.sample_rate)
+
+
+def is_triple(values: Any) -> bool:
+    """Return whether `values`, of any type, is a list of three entries."""
+    return isinstance(values, (list, tuple)) and len(values) == 3
+
+
+def is_no_pair(values: Any) -> bool:
+    """Return whether a value of a scene file is a list without exactly two entries, so that it is not in a plane."""
+    return isinstance(values, list) and len(values) != 2
 
 
 @dataclass(frozen=True)
@@ -124,7 +363,7 @@ class Scene:
             for n in getattr(self.faults, key):
                 if not 0 <= n < self.array.number:
                     remedy = f"the array has 0 to {self.array.number - 1}"
-                    raise InputError(f"faults.{key} names microphone {n}", remedy, key=f"faults.{key}", value=n)
+                    raise InputError(f"faults.{key} names microphone {n}", remedy, key=f"faults.{key}")
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:
@@ -152,12 +391,10 @@ class Scene:
                 problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
                 problem += " exceeds the band of the source,"
                 problem += f" source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
-                remedy = "narrow the one or widen the other"
-                raise InputError(problem, remedy, key="measurement.highest", value=sensing.highest)
+                raise InputError(problem, "narrow the one or widen the other", key="measurement.highest")
         elif self.array.number > LIMITS.microphones_3d:
             problem = f"array has {self.array.number} microphones"
-            remedy = f"use at most {LIMITS.microphones_3d} in a room with height"
-            raise InputError(problem, remedy, key="array.count", value=self.array.number)
+            raise InputError(problem, f"use at most {LIMITS.microphones_3d} in a room with height", key="array.count")
         if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
@@ -177,7 +414,7 @@ def require_rectangle(scene: Scene) -> None:
     reason = no_rectangle(scene)
     if reason:
         remedy = 'use another solver: "room" is for rigid or absorbing rectangles'
-        raise InputError(f"the room of {scene.name} {reason}", remedy, key="solver.name", value="room")
+        raise InputError(f"the room of {scene.name} {reason}", remedy, key="solver.name")
 
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
@@ -213,11 +450,10 @@ class Array:
         for key in self.OPTIONAL[1:]:
             value, name = getattr(self, key), f"array.{key}"
             if key in needs and not value:
-                remedy = f'array.geometry = "{self.geometry}" needs it'
-                raise InputError(f"{name} is missing or zero", remedy, key=name, value=value)
+                raise InputError(f"{name} is missing or zero", f'array.geometry = "{self.geometry}" needs it', key=name)
             if key not in needs and value:
                 problem = f'{name} has no meaning with array.geometry = "{self.geometry}"'
-                raise InputError(problem, "remove it", key=name, value=value)
+                raise InputError(problem, "remove it", key=name)
         check(self, "array.")
         if self.center is None:
             object.__setattr__(self, "center", (0.0,) * self.room_dimension)
@@ -228,7 +464,7 @@ class Array:
                 require_point(f"array.{key}", row, (wanted,))
         if self.number > LIMITS.microphones:
             problem = f"array has {self.number} microphones"
-            raise InputError(problem, f"use at most {LIMITS.microphones}", key="array.count")
+            raise InputError(problem, f"use {LIMITS.microphones} at most", key="array.count")
 
     @property
     def dimension(self) -> int:
@@ -267,7 +503,7 @@ class Gauge:
         wrong = [n for n, times in Counter(given).items() if not 0 <= n < count or times > 1]
         if wrong:
             problem = f"{key} names microphone {wrong[0]}, which does not exist or is listed twice"
-            raise InputError(problem, f"list each of 0 to {count - 1} once", key=key, value=wrong[0])
+            raise InputError(problem, f"list each of 0 to {count - 1} once", key=key)
         named = set(given)
         return tuple(n for n in range(count) if (n in named) == (self.free is None))
 
@@ -380,7 +616,7 @@ def load_scene(path: str | Path) -> Scene:
             problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
             raise InputError(problem, "remove it", key=key)
         if not isinstance(value, str):
-            raise InputError(f"{key} = {shown_literal(value)} must be a text", "write it in quotes", key=key)
+            raise InputError(f"{key} = {shown(value, quoted=True)} must be a text", "write it in quotes", key=key)
     file, words = table["measurement"], {"title": table["title"], "remark": table.get("remark", "")}
     return placeholder_scene(load_measurement(file), table["name"], SolverSettings(), file=file, **words)
 
@@ -406,10 +642,10 @@ def _file_of(path: Path) -> Path:
     """Return the file of a scene that is given by its path or its name."""
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
-        raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
+        raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene")
     if os.path.isdir(path) and path.name not in scene_names():
         problem = f"{path} is a folder in which no recordings were found"
-        raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)
+        raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene")
     is_file, suffix = os.path.isfile(path), path.suffix.lower()  # False for a name that is too long
     if is_file and suffix in OTHER_FILES:
         what, use = OTHER_FILES[suffix]
@@ -420,5 +656,5 @@ def _file_of(path: Path) -> Path:
         near = [name for name in scene_names() if name.startswith(str(path))]
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)
         meant = f"did you mean {near[0]}? use {available}" if near else f"use {available}"
-        raise InputError(f'scene "{shown(str(path))}" is unknown', meant, key="scene", value=path)
+        raise InputError(f'scene "{shown(str(path))}" is unknown', meant, key="scene")
     return folder_of("scenes") / f"{path.name}.toml"

@@ -78,7 +78,7 @@ class Faults:
         both = sorted(set(self.inverted) & set(self.dead))
         if both:
             problem = f"faults.inverted and faults.dead both name microphone {both[0]}"
-            raise InputError(problem, "name it once", key="faults.dead", value=both[0])
+            raise InputError(problem, "name it once", key="faults.dead")
 
     def gains(self, count: int, seed: int) -> np.ndarray:
         """Return the gain of every channel, 0 of a dead one : (N,) complex128."""

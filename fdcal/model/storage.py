@@ -41,7 +41,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
     """
     path = Path(os.path.realpath(path))  # the target of a link is replaced, not the link
     if not force and path.exists():
-        raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path)
+        raise InputError(f"{path} exists", "use <force> to overwrite it", key="path")
     temporary = path.parent / f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix}"
     try:
         temporary.touch(exist_ok=False)
@@ -51,7 +51,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
                 os.link(temporary, path)  # does not replace a file that has appeared in the meantime
                 return
         except FileExistsError:
-            raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path) from None
+            raise InputError(f"{path} exists", "use <force> to overwrite it", key="path") from None
         except OSError:  # a file system without hard links
             pass
         os.replace(temporary, path)
@@ -143,12 +143,12 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
-        raise InputError(f"{path} is a file", "name a folder", key="output", value=str(path))
+        raise InputError(f"{path} is a file", "name a folder", key="output")
     if not path.parent.is_dir():
         raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     if path.is_dir() and not force and any(path.iterdir()):
         remedy = "add <force> to replace files with the same names, or choose another folder"
-        raise InputError(f"{path} is not empty", remedy, key="output", value=str(path))
+        raise InputError(f"{path} is not empty", remedy, key="output")
     try:
         with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=path if path.is_dir() else path.parent) as temporary:
             yield Path(temporary)
@@ -244,8 +244,7 @@ def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarr
     except InputError as error:
         raise error.within(path) from error
     except MemoryError:
-        problem = f"{path} does not fit into memory, and an .npz file is read as a whole"
-        raise InputError(problem, "give WAV, W64, FLAC or HDF5") from None
+        raise InputError(f"{path} does not fit into memory", "give WAV, W64, FLAC or HDF5") from None
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
         if isinstance(error, OSError) and error.strerror:
             raise StorageError(f"cannot read {path}: {error.strerror}") from error

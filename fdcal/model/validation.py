@@ -80,8 +80,6 @@ class InputError(ValueError):
         shows the name itself; the command line and the page put the name of their own option or control in its place.
     key : str, optional
         The argument, or the key of a file, that is wrong.
-    value : object, optional
-        Its value.
 
     Examples
     --------
@@ -94,8 +92,8 @@ class InputError(ValueError):
     'room.npz: the measurement has no search domain; give search and radius'
     """
 
-    def __init__(self, problem: str, remedy: str = "", *, key: str = "", value: object = None):
-        self.problem, self.remedy, self.key, self.value = problem, remedy, key, value
+    def __init__(self, problem: str, remedy: str = "", *, key: str = ""):
+        self.problem, self.remedy, self.key = problem, remedy, key
         super().__init__(self.worded({}))
 
     def worded(self, names: Mapping[str, str]) -> str:
@@ -107,7 +105,7 @@ class InputError(ValueError):
         """Return the same error, whose problem begins with the file or table in which it occurred."""
         if self.problem.startswith(str(where)):
             return self
-        return InputError(f"{where}: {self.problem}", self.remedy, key=self.key, value=self.value)
+        return InputError(f"{where}: {self.problem}", self.remedy, key=self.key)
 
 
 def word_arguments(text: str, names: Mapping[str, str]) -> str:
@@ -140,8 +138,11 @@ def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeE
     return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
-def shown(value: object, max_length: int = 60) -> str:
-    """Return a value for a message: its repr, or a text without quotes, on one line of `max_length` letters at most."""
+def shown(value: object, max_length: int = 60, quoted: bool = False) -> str:
+    """Return a value for a message, on one line of `max_length` letters at most: a text, or the repr of other values.
+
+    `quoted`: whether a text is in quotes.
+    """
     try:
         if isinstance(value, (dict, list, tuple)):
             value = reprlib.repr(value)
@@ -149,13 +150,8 @@ def shown(value: object, max_length: int = 60) -> str:
             raise ValueError
     except ValueError:  # Python does not print integers of more than 4300 digits
         return "a number of very many digits"
-    text = " ".join((value if isinstance(value, str) else repr(value)).split())
+    text = " ".join((value if isinstance(value, str) and not quoted else repr(value)).split())
     return text if len(text) <= max_length else f"{text[: max_length - 3]}..."
-
-
-def shown_literal(value: object) -> str:
-    """Return a value as `shown` does, but a text in quotes."""
-    return shown(repr(value) if isinstance(value, str) else value)
 
 
 def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
@@ -210,15 +206,14 @@ def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...
 def refusal(key: str, value: object, why: str, remedy: str = "", unit: str = "") -> InputError:
     """Return the error for an impossible value: "room.cell = 0.04 m has no meaning"; the unit is optional."""
     text = f"{value:g}" if isinstance(value, float) else f'"{value}"' if isinstance(value, str) else shown(value)
-    return InputError(f"{key} = {text}{unit and ' ' + unit} {why}", remedy, key=key, value=value)
+    return InputError(f"{key} = {text}{unit and ' ' + unit} {why}", remedy, key=key)
 
 
 def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
     """Raise InputError unless `value` is one of `choices`."""
     choices = tuple(choices)
     if isinstance(value, np.ndarray) or value not in choices:
-        remedy = f"use one of {', '.join(map(str, choices))}"
-        raise InputError(f'{key} = "{shown(value)}" is unknown', remedy, key=key, value=value)
+        raise InputError(f'{key} = "{shown(value)}" is unknown', f"use one of {', '.join(map(str, choices))}", key=key)
 
 
 def require_finite(key: str, values: Any) -> None:
@@ -233,11 +228,10 @@ def require_point(key: str, values: Any, lengths: tuple[int, ...]) -> None:
     """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
     if len(values) not in lengths:
         words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
-        raise InputError(f"{key} = {list(values)} has {len(values)} numbers", f"give {words}", key=key, value=values)
+        raise InputError(f"{key} = {list(values)} has {len(values)} numbers", f"give {words}", key=key)
     require_finite(key, values)
     if max(map(abs, values)) > LIMITS.coordinate:
-        remedy = f"use coordinates up to {LIMITS.coordinate:g} m"
-        raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
+        raise InputError(f"{key} = {list(values)} is too far away", f"use up to {LIMITS.coordinate:g} m", key=key)
 
 
 def point_text(point: Any) -> str:
@@ -297,7 +291,7 @@ def _plain(value: Any, key: str) -> Any:
             raise InputError(f"{key} is too large a number", "use a smaller one", key=key)
         return int(value)
     if math.isnan(value):
-        raise InputError(f"{key} = nan must be a number", key=key, value=value)
+        raise InputError(f"{key} = nan must be a number", key=key)
     return float(value)
 
 
@@ -306,21 +300,16 @@ def refused(key: str, value: object, kind: Any) -> InputError:
     bare, meta = _bare(kind)
     if typing.get_origin(bare) is Literal:
         choices = ", ".join(map(str, typing.get_args(bare)))
-        return InputError(f'{key} = "{shown(value)}" is unknown', f"use one of {choices}", key=key, value=value)
+        return InputError(f'{key} = "{shown(value)}" is unknown', f"use one of {choices}", key=key)
     number = isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
     if meta is None or not number or (bare is int and not isinstance(value, Integral)):
         entries = typing.get_origin(bare) is tuple
         words = "a list" if entries else WORDS.get(bare, "another value")
-        problem, remedy = f"{key} = {shown_literal(value)} must be {words}", "write it as [1, 2]" if entries else ""
-        return InputError(problem, remedy or f"give {words}", key=key, value=value)
+        remedy = "write it as [1, 2]" if entries else f"give {words}"
+        return InputError(f"{key} = {shown(value, quoted=True)} must be {words}", remedy, key=key)
     low, high, unit = meta.ge, meta.le, (meta.extra or {}).get("unit", "")
-    why = "is out of range"
-    if low == LIMITS.smallest:
-        why = "must be finite and above zero"
-    elif low == 0 and typing.cast(float, value) < 0:
-        why = "is negative"
-    remedy = f"use {low:g} or more" if high is None else f"use a number from {low:g} to {high:g}"
-    return refusal(key, value, why, remedy, unit)
+    why = "must be finite and above zero" if low == LIMITS.smallest else "is out of range"
+    return refusal(key, value, why, f"use {low:g} or more" if high is None else f"use {low:g} to {high:g}", unit)
 
 
 def _bare(kind: Any) -> tuple[Any, msgspec.Meta | None]:
@@ -397,8 +386,7 @@ def _built(kind: Any, value: Any, key: str, whole: str) -> Any:
     if not dataclasses.is_dataclass(bare):
         return convert(value, kind, key)
     if not isinstance(value, dict):
-        problem = f"{key} = {shown_literal(value)} must be a table"
-        raise InputError(problem, f"write it as [{key}]", key=key, value=value)
+        raise InputError(f"{key} = {shown(value, quoted=True)} must be a table", f"write it as [{key}]", key=key)
     return build(bare, value, f"{key}.", whole)
 
 
@@ -433,10 +421,10 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
         match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= low <= high <= count:
-            raise InputError(f'"{part}" names no modes', remedy, key="modes", value=part)
+            raise InputError(f'"{part}" names no modes', remedy, key="modes")
         found |= set(range(low, high + 1))
     if not found:
-        raise InputError("no mode is named", remedy, key="modes", value=text)
+        raise InputError("no mode is named", remedy, key="modes")
     return tuple(sorted(found))
 
 

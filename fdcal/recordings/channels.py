@@ -42,6 +42,7 @@ class ClippingThresholds:
 
 
 CLIPPING = ClippingThresholds()
+MAX_LISTED = 6  # faulty channels that a message names
 Edge = dict[float, int]  # the two greatest values of some samples, the greatest first, and how often each occurs
 
 
@@ -144,18 +145,12 @@ def _is_clipped(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
 
 def require_usable_channels(recording: Recording, health: ChannelHealth) -> None:
     """Raise InputError if a channel is silent, clipped or a copy of another."""
-    for words, flags in (("silent", health.silent), ("clipped", health.clipped), ("copied", health.copy_of >= 0)):
-        if not np.any(flags):
-            continue
-        names = [recording.names[n] for n in np.flatnonzero(flags)]
-        listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-        if words == "copied":
-            n = int(np.flatnonzero(flags)[0])
-            listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
-        who, verb = ("channel", "is") if len(names) == 1 else ("channels", "are")
-        problem = f"{recording.path}: {who} {listed} {verb} {words}"
+    if len(health.bad):
+        names, first = recording.names, health.bad[:MAX_LISTED].tolist()
+        listed = ", ".join(f"channel {names[n]} is {health.fault(n, names)}" for n in first)
+        more = f", and {len(health.bad) - len(first)} more" if len(health.bad) > len(first) else ""
         others = ", or leave out the faulty channels: <leave_out> bad" if len(health.bad) < recording.count else ""
-        raise InputError(problem, f"record again{others}", key="leave_out")
+        raise InputError(f"{recording.path}: {listed}{more}", f"record again{others}", key="leave_out")
 
 
 @dataclass(frozen=True)
@@ -216,7 +211,7 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
     for a, b in itertools.combinations(range(len(rows)), 2):
         if _is_copy(takes[a], takes[b], rows[a], rows[b], factor):
             problem = f"{takes[b].path} is a copy of {takes[a].path}, or of a part of it: the same sound and source"
-            raise InputError(problem, "give each take once", key="source", value=takes[b].path)
+            raise InputError(problem, "give each take once", key="source")
 
 
 def _is_copy(one: Recording, other: Recording, x: np.ndarray, y: np.ndarray, factor: int) -> bool:
@@ -271,7 +266,7 @@ def select_subset(recording: Recording, text: str) -> Recording:
         numbers = []
     if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= n < count for n in numbers):
         problem = f'subset = "{text}" does not name some of the microphones 0 to {count - 1}, each at most once'
-        raise InputError(problem, "write <subset> as 0,3,8:12, or ::4", key="subset", value=text)
+        raise InputError(problem, "write <subset> as 0,3,8:12, or ::4", key="subset")
     return select_channels(recording, numbers)
 
 
@@ -281,7 +276,7 @@ def exclude_channels(recording: Recording, names: Sequence[str], bad: Sequence[i
     left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad])
     if not len(left):
         why = ": each is silent, clipped or a copy" if len(bad) == recording.count else ""
-        raise InputError(f"leave_out leaves no channel{why}", "record again", key="leave_out", value=list(names))
+        raise InputError(f"leave_out leaves no channel{why}", "record again", key="leave_out")
     return select_channels(recording, left)
 
 
@@ -306,4 +301,4 @@ def _index_of(recording: Recording, name: str, key: str) -> int:
         return names.index(name)
     few = ", ".join(names[:3])
     listed = f"the channels are {few} ... {names[-1]}" if len(names) > 4 else f"use {few}"
-    raise InputError(f'{key}: there is no channel "{name}"', listed, key=key, value=name)
+    raise InputError(f'{key}: there is no channel "{name}"', listed, key=key)

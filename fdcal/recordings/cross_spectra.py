@@ -30,7 +30,7 @@ import numpy as np
 from ..acoustics.spectrum import fast_length, rfft
 from ..model.validation import InputError
 from .frequencies import MIN_SNR, ROWS, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
-from .recording import Recording, in_memory, read_samples
+from .recording import Band, Recording, in_memory, read_samples
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-squar
 
 
 def stationary_pressures(
-    recording: Recording, band: tuple[float, float], sound_speed: float, max_rows: int = ROWS.max_rows
+    recording: Recording, band: Band, sound_speed: float, max_rows: int = ROWS.max_rows
 ) -> Pressures:
     """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows."""
     recording = in_memory(decimate(recording, band[1]))
@@ -127,11 +127,8 @@ def stationary_pressures(
     row, p, noise, snr = eigenvectors(C, independent, leakage)
     keep = np.flatnonzero(snr * independent >= 10 ** (MIN_SNR / 10))
     if not len(keep):
-        raise NothingAboveNoise(
-            f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
-            f" {band[1]:g} Hz",
-            "record one source only, louder than the noise",
-        )
+        problem = f"{recording.path}: no frequency from {band[0]:g} to {band[1]:g} Hz is coherent at the microphones"
+        raise NothingAboveNoise(problem, "record one source only, louder than the noise")
     f = seen[row]
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     rows = _within(row, keep, seen, band, max_rows, 0.25 * window)
@@ -156,17 +153,15 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows:
     return chosen[np.lexsort((np.arange(len(chosen)), seen[row[chosen]]))][:max_rows]
 
 
-def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
+def segments(recording: Recording, band: Band) -> tuple[int, np.ndarray]:
     """Return the length of a segment and the samples at which the segments start, half overlapping."""
     fs = recording.sample_rate
     wanted = np.clip(2 * recording.duration / (SEGMENTS.min_count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
     length = fast_length(int(min(wanted * fs, SEGMENTS.max_samples / recording.count)))
     if length / fs < 4 / band[0] or recording.samples < 4 * length:
-        raise InputError(
-            f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz",
-            f"record {max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count:.0f} s or more; if it is an impulse"
-            " response, import it with <kind> impulse",
-        )
+        problem = f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz"
+        least = max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count
+        raise InputError(problem, f"record {least:.0f} s or more; of an impulse response give <kind> impulse")
     starts = np.arange(0, recording.samples - length + 1, length // 2)
     if len(starts) > SEGMENTS.max_count:
         starts = starts[np.linspace(0, len(starts) - 1, SEGMENTS.max_count).astype(int)]

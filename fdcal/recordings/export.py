@@ -71,7 +71,7 @@ def export(
         write_atomically(path, lambda file: formats.write(file, placed), force)
         return
     if frame is not None:
-        raise InputError("a table of gains has no frame", "leave out <frame>", key="frame", value=frame)
+        raise InputError("a table of gains has no frame", "leave out <frame>", key="frame")
     text = GAIN_TEXTS[suffix](self)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
 
@@ -138,9 +138,7 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
     rows = [row.get(name) for name in result.names]
     if all(n is None for n in rows):
         problem = f'{recording.path} has channels such as "{recording.names[0]}", the result "{result.names[0]}"'
-        raise InputError(
-            problem, "give the recording that was calibrated, or one of the same channels", key="recording"
-        )
+        raise InputError(problem, "give a recording of the channels that were calibrated", key="recording")
     N = recording.count
     source, gain, delay, corner = np.arange(N), np.ones(N, complex), np.zeros(N), np.zeros(N)
     for n, value in zip(rows, channels.correction.gains, strict=True):
@@ -204,10 +202,6 @@ def correction_summary(correction: Correction, names: tuple[str, ...]) -> str:
     changed = [f"{name} from {names[n]}" for n, name in zip(correction.source, names, strict=True) if names[n] != name]
     delayed = [f"{name} by {1e3 * d:.3g} ms" for name, d in zip(names, correction.delay, strict=True) if d]
     cut = [f"{name} at {abs(f):.3g} Hz" for name, f in zip(names, correction.corner, strict=True) if f]
-    for word, listed in (
-        ("turned", inverted), ("moved", changed), ("advanced", delayed), ("bass", cut),
-        ("dead", correction.dead), ("as is", correction.unknown),
-    ):  # fmt: skip
-        if listed:
-            lines.append(f"{word:7s} {', '.join(listed)}")
-    return "\n".join(lines)
+    all_listed = {"turned": inverted, "moved": changed, "advanced": delayed, "bass": cut}
+    all_listed |= {"dead": correction.dead, "as is": correction.unknown}
+    return "\n".join([*lines, *(f"{word:7s} {', '.join(listed)}" for word, listed in all_listed.items() if listed)])

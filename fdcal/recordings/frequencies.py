@@ -21,7 +21,7 @@ from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
 from ..acoustics.spectrum import fast_length
 from ..model.validation import InputError
-from .recording import IMPORT_LIMITS, ImportOptions, Recording, channel_groups, number_in
+from .recording import IMPORT_LIMITS, Band, ImportOptions, Recording, channel_groups, number_in
 
 MIN_SNR = 10.0  # decibels, of a frequency that is used
 DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency
@@ -77,15 +77,6 @@ class Pressures:
     spacing: Spacing  # of the frequencies
 
 
-def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
-    """Return the spacing of frequencies of a response, from its energy over time (T,) and that of its noise (T,)."""
-    e = np.maximum(energy - noise, 0.0)
-    if not e.max(initial=0.0) > 0:
-        return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
-    v = np.maximum(noise, ROWS.unexplained * np.sum(e**2) / np.sum(e))
-    return Spacing(float(1 / (interval * np.sum(e / (e + v)))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
-
-
 class NothingAboveNoise(InputError):
     """A recording without any frequency at which the sound rises above the noise."""
 
@@ -109,7 +100,7 @@ def choose_frequencies(
     return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), max_rows, resolution)]
 
 
-def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], max_rows: int, apart: float) -> np.ndarray:
+def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: float) -> np.ndarray:
     """Return the indices of the frequencies nearest to the middles of equal parts of a band, `max_rows` at most.
 
     `frequencies` ascend. `apart`: least width of a part, Hz; chosen frequencies are at least 3/4 of it apart.
@@ -143,7 +134,7 @@ class FrequencyLimit:
     estimated: bool = False  # whether the radius is that of the coherence
 
 
-def highest_frequency(
+def frequency_limit(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
 ) -> FrequencyLimit:
     """Return the highest frequency that the array can interpolate (Eq. 9).
@@ -196,18 +187,16 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
     return (options.array_dimension or options.dimension) if positions is None else positions.shape[1]
 
 
-def given_band(recording: Recording, key: str, text: str) -> tuple[float, float]:
+def given_band(recording: Recording, key: str, text: str) -> Band:
     """Return the band that the option `key` gives as LO:HI, Hz; InputError for one that the recording cannot hold."""
     (low, high), top = map(number_in, text.partition(":")[::2]), IMPORT_LIMITS.max_frequency * recording.sample_rate
     if not 0 < low < high <= top:
         problem = f'{key} = "{text}" is not a band that {recording.path} can hold'
-        raise InputError(problem, f"write auto or LO:HI, as 100:300, up to {top:g} Hz", key=key, value=text)
+        raise InputError(problem, f"write auto or LO:HI, as 100:300, up to {top:g} Hz", key=key)
     return low, high
 
 
-def frequency_band(
-    recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
-) -> tuple[float, float]:
+def frequency_band(recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float) -> Band:
     """Return the given or the default band, Hz; InputError for one that the recording cannot hold."""
     top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
@@ -224,14 +213,16 @@ def frequency_band(
     else:
         low, high = given_band(recording, "frequencies", options.frequencies)
     if found.limit is not None and found.limit <= low and not found.estimated:
-        problem = f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count}"
-        problem += f" microphones: they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
+        problem = (
+            f"{recording.path}: {recording.count} microphones in a radius of {found.radius:.3g} m interpolate up to"
+        )
         remedy = "give positions in metres, not in centimetres, millimetres or degrees"
+        problem += f" {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
         raise InputError(problem, remedy, key="frequencies")
     if options.frequencies == "auto" and found.estimated and high <= low:
         problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz only; a band begins at {low:.3g} Hz"
         remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
-        raise InputError(problem, remedy, key="frequencies", value=options.frequencies)
+        raise InputError(problem, remedy, key="frequencies")
     if not low < high:
         given_band(recording, "frequencies", f"{low:g}:{high:g}")  # refuses it
     return low, high

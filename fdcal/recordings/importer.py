@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,13 +28,14 @@ from .frequencies import (
     coordinate_count,
     default_max_rows,
     frequency_band,
-    highest_frequency,
+    frequency_limit,
 )
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end, segment_levels
 from .recording import (
     IMPORT_LIMITS,
-    SAME_POSITION,
+    Band,
     ImportOptions,
+    Noise,
     Recording,
     join_channels,
     number_in,
@@ -45,6 +45,7 @@ from .recording import (
 )
 from .short_windows import found_flat, short_windows
 
+SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 DEFAULTS = ImportOptions()  # of an import
@@ -53,8 +54,6 @@ MANY = 32  # microphones from which on errors in a room are about as large as th
 CLEAN_DB = 100.0  # signal-to-noise ratio above which the estimate of the noise is not meaningful
 ARGUMENTS: Mapping[str, str] = {}  # without it messages use the names of the arguments themselves
 KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
-
-Noise = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -94,9 +93,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     paths = [one for path in paths for one in formats.sound_files(path) or [path]]
-    times = Counter(os.path.realpath(path) for path in paths)
-    twice = sorted(str(path) for path in paths if times[os.path.realpath(path)] > 1)
-    if twice:
+    if twice := [path for path, times in Counter(map(os.path.realpath, paths)).items() if times > 1]:
         raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
     read = list[Recording]()
     for path in paths:
@@ -110,16 +107,13 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     first, few = read[0], min_microphones(options.dimension)
     if options.files == "auto" and 1 < first.count < few and {one.count for one in read} == {first.count}:
-        problem = f"{len(read)} files of {first.count} channels each would be takes of {first.count} microphones, which"
-        remedy = "give <channels> if several recorders recorded one take at the same time"
-        raise InputError(f"{problem} are too few to be found", remedy, key="files")
+        problem = f"files of {first.count} channels would be takes of {first.count} microphones, too few to be found"
+        raise InputError(problem, "give <channels> if several recorders recorded one take together", key="files")
     placed = [(one.path, one.positions) for one in read if one.positions is not None]
     for one in read:  # all takes must be of the same array
         if one.count != first.count:
-            has, others = (f"{count} channel{'s' * (count > 1)}" for count in (first.count, one.count))
-            problem = f"{first.path} has {has} and {one.path} {others}: files are takes if all have the same channels,"
-            remedy = "give takes of one array, or <channels> for one take"
-            raise InputError(f"{problem} or channels of one take", remedy, key="files")
+            problem = f"{first.path} and {one.path} have {first.count} and {one.count} channels; takes have the same"
+            raise InputError(problem, "give takes of one array, or <channels> for one take", key="files")
         if one.sample_rate != first.sample_rate:
             problem = f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz"
             raise InputError(problem, "convert one of them to the sampling rate of the other", key="sample_rate")
@@ -145,31 +139,21 @@ def measurement_of_takes(
         problem = f"{recordings[0].path} has one channel, and an array needs two microphones at least"
         raise InputError(problem, "give the files of all channels")
     takes = list(recordings)
-    for n, one in enumerate(takes):  # in a two-dimensional field the heights are left out
-        if one.positions is not None and one.positions.shape[1] > options.dimension:
-            if np.ptp(one.positions[:, 2]) > select.PLANE_TOLERANCE:
-                problem = "dimension = 2 needs microphones of one height"
-                raise InputError(problem, "choose them with <subset> I,J,...", key="dimension", value=options.dimension)
-            takes[n] = replace(one, positions=one.positions[:, :2])
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
         for one in takes:
             if one.kind == "impulse":
-                problem = (
-                    f"split = {options.split:.3g} s is for a stationary recording, and {one.path} has impulse responses"
-                )
-                raise InputError(problem, "leave out <split>", key="split", value=options.split)
+                problem = f"split is for a stationary recording, and {one.path} has impulse responses"
+                raise InputError(problem, "leave out <split>", key="split")
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
         takes = [part for one in takes for part in split(one, options.split, shortest)]
-    max_rows = (
-        max(1, options.max_rows // len(takes)) if options.max_rows else default_max_rows(takes[0].count, len(takes))
-    )
+    each = options.max_rows // len(takes) if options.max_rows else default_max_rows(takes[0].count, len(takes))
     done, skipped = [], []
     for number, one in enumerate(takes):
         if progress is not None:
             progress(number / len(takes), f"take {number + 1} of {len(takes)}")
         try:
-            done.append(_measurement_of_take(one, options, max_rows, left_out, number, len(takes)))
+            done.append(_measurement_of_take(one, options, max(1, each), left_out, number, len(takes)))
         except NothingAboveNoise as error:
             skipped.append(one.path)
             if options.split is None or len(skipped) == len(takes):  # a split recording may have pauses
@@ -185,12 +169,7 @@ def measurement_of_takes(
 
 
 def _measurement_of_take(
-    recording: Recording,
-    options: ImportOptions,
-    max_rows: int,
-    left_out: dict[str, str],
-    number: int = 0,
-    takes: int = 1,
+    recording: Recording, options: ImportOptions, max_rows: int, left_out: dict[str, str], number: int, takes: int
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of take `number` of `takes`, of at most `max_rows` rows, and a report on it."""
     known, known_positions = np.zeros(0, int), None
@@ -198,7 +177,7 @@ def _measurement_of_take(
         known, known_positions = select.known_microphones(recording, options.known)
     recording, known_positions, height = _in_plane(recording, options, known_positions)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
-    found = highest_frequency(recording, options, known_positions, speed)
+    found = frequency_limit(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
     taken = recording
     recording, kind, noise = _classified(taken, options, band)
@@ -209,13 +188,9 @@ def _measurement_of_take(
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
-        raise InputError(problem, f"give {axes} coordinates", key="known", value=options.known)
-    f = pressures.frequencies
-    given: dict[str, Any] = {"known": known, "known_positions": known_positions}
-    if np.any(np.diff(f) == 0):
-        given["takes"] = np.zeros(len(f), np.int64)
+        raise InputError(problem, f"give {axes} coordinates", key="known")
     measurement = Measurement(
-        frequencies=f,
+        frequencies=pressures.frequencies,
         pressures=pressures.pressures,
         sound_speed=speed,
         dimension=options.dimension,
@@ -224,7 +199,9 @@ def _measurement_of_take(
         noise_power=pressures.noise_power,
         names=recording.names,
         positions=recording.positions,
-        **given,
+        known=known,
+        known_positions=known_positions,
+        takes=np.zeros(len(pressures.frequencies), np.int64),  # several rows may have one frequency
     )
     responses = recording
     if kind == "impulse":
@@ -236,8 +213,8 @@ def _measurement_of_take(
             times, sigma = found_arrivals
             measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
     measurement = replace(measurement, windows=short_windows(responses, kind, options, takes, number))
-    limit = found.limit, found.words
-    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, *limit, height)
+    how = (recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words, height)
+    return measurement, ImportReport(*how)
 
 
 def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
@@ -270,9 +247,10 @@ def _in_plane(
     recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
 ) -> tuple[Recording, np.ndarray | None, float | None]:
     """Return the recording and the known positions without their heights, and the height, if all heights are equal."""
-    given, wanted = [one for one in (recording.positions, known_positions) if one is not None], options.array_dimension
+    given = [one for one in (recording.positions, known_positions) if one is not None]
+    wanted = 2 if options.dimension == 2 else options.array_dimension
     if wanted == 3 and given and given[0].shape[1] == 2:
-        raise InputError("array_dimension = 3 needs heights", "give z, or leave it out", key="array_dimension", value=3)
+        raise InputError("array_dimension = 3 needs heights", "give z, or leave it out", key="array_dimension")
     if wanted == 3 or not given or any(one.shape[1] == 2 for one in given):
         return recording, known_positions, None
     heights = np.concatenate([one[:, 2:] for one in given])
@@ -281,15 +259,14 @@ def _in_plane(
         return recording, known_positions, None
     if not level:
         problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
-        raise InputError(problem, "choose them with <subset> I,J,...", key="array_dimension", value=wanted)
+        raise InputError(problem, "choose them with <subset> I,J,...", key="array_dimension")
     if recording.positions is not None:
         recording = replace(recording, positions=recording.positions[:, :2])
-    return recording, None if known_positions is None else known_positions[:, :2], float(heights.mean())
+    height = None if options.dimension == 2 else float(heights.mean())
+    return recording, None if known_positions is None else known_positions[:, :2], height
 
 
-def _classified(
-    recording: Recording, options: ImportOptions, band: tuple[float, float]
-) -> tuple[Recording, str, Noise | None]:
+def _classified(recording: Recording, options: ImportOptions, band: Band) -> tuple[Recording, str, Noise | None]:
     """Return the recording, deconvolved if a reference is given, its kind, and its noise power if it is known."""
     if options.reference is not None:
         responses, noise = deconvolve(recording, formats.read(options.reference, rate=options.rate), band)

@@ -21,7 +21,6 @@ time as was recorded, at each frequency another time where S is a sweep. So the 
 from what lies outside of it, and not from its end alone.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,8 +28,8 @@ from scipy.special import fdtri
 
 from ..acoustics.spectrum import SPECTRUM, fast_length, irfft, laplace_transform, rfft, wavenumber_continuous
 from ..model.validation import InputError
-from .frequencies import ROWS, Pressures, Spacing, choose_frequencies, spacing_of
-from .recording import GROUP_SAMPLES, Recording, channel_groups, read_samples, recording_of
+from .frequencies import ROWS, Pressures, Spacing, choose_frequencies
+from .recording import GROUP_SAMPLES, Band, Noise, Recording, channel_groups, read_samples, recording_of
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,10 @@ class DecaySettings:
     min_tail_fraction: float = 0.1
     min_tail: float = 0.25
 
+    def last_tail(self, duration: float) -> float:
+        """Return the latest start of a tail that is long enough to estimate the power of the noise, seconds."""
+        return duration - min(self.min_tail_fraction * duration, self.min_tail)
+
 
 DECAY = DecaySettings()
 
@@ -64,7 +67,7 @@ class Decay:
     noisy: bool = True  # whether the sound ends in noise, and not at the numerical floor of the level
 
 
-def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
+def estimate_decay(recording: Recording, band: Band) -> Decay:
     """Measure the decay of the sound in a band, Hz, from the level of a few channels."""
     decay = _decay_by_level(recording, band)
     while decay.tail is not None and decay.tail < DECAY.zoom * recording.duration:
@@ -77,16 +80,14 @@ def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
     return decay
 
 
-def extend_to_last_mode(
-    recording: Recording, band: tuple[float, float], decay: Decay, noise: Callable[[np.ndarray], np.ndarray] | None
-) -> Decay:
+def extend_to_last_mode(recording: Recording, band: Band, decay: Decay, noise: Noise | None) -> Decay:
     """Return `decay` with a later tail, so that no mode of the band rings on in it.
 
     `noise`: power of one sample of the transform, if known; noise that varies in time is then not taken for a mode.
     """
     if decay.tail is None:
         return decay
-    c, fs, last = decay.tail, recording.sample_rate, _last_tail(recording)
+    c, fs, last = decay.tail, recording.sample_rate, DECAY.last_tail(recording.duration)
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
         c *= DECAY.extension
     if c > decay.tail:
@@ -95,17 +96,12 @@ def extend_to_last_mode(
     return replace(decay, tail=c)
 
 
-def _last_tail(recording: Recording) -> float:
-    """Return the latest start of a tail that is long enough to estimate the power of the noise, seconds."""
-    return recording.duration - min(DECAY.min_tail_fraction * recording.duration, DECAY.min_tail)
-
-
 def _measured_channels(recording: Recording, count: int = DECAY.channels) -> np.ndarray:
     """Return the indices (n,) of `count` channels, or of all where they are fewer."""
     return np.unique(np.linspace(0, recording.count - 1, count).astype(int))
 
 
-def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise) -> bool:
+def _rings_on(recording: Recording, band: Band, start: int, noise) -> bool:
     """Return whether a mode is audible after the sample `start` that is no longer audible at the end."""
     fs = recording.sample_rate
     length = min(start, (recording.samples - start) // 2, int(DECAY.max_ringing * fs))
@@ -124,7 +120,7 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
     return bool(np.any(first - end > end * max(DECAY.max_loss * start / length, by_chance)))
 
 
-def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
+def _decay_by_level(recording: Recording, band: Band) -> Decay:
     """Measure the decay in a band from the level of a few channels in equal segments of the recording."""
     level = segment_levels(recording, band)
     if not level.max() > 0:
@@ -149,10 +145,10 @@ def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
         rate = DECAY.above_floor / segment
     else:
         rate, reached = 0.0, np.inf  # no decay at all
-    return Decay(rate, reached if reached <= _last_tail(recording) else None, noisy)
+    return Decay(rate, reached if reached <= DECAY.last_tail(recording.duration) else None, noisy)
 
 
-def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
+def segment_levels(recording: Recording, band: Band) -> np.ndarray:
     """Return the power in the band in each segment, mean over a few channels : (segments,) float64."""
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     samples = reduced.shape[1]
@@ -185,11 +181,7 @@ MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a s
 
 
 def impulse_response_pressures(
-    recording: Recording,
-    band: tuple[float, float],
-    sound_speed: float,
-    max_rows: int = ROWS.max_rows,
-    noise: Callable[[np.ndarray], np.ndarray] | None = None,
+    recording: Recording, band: Band, sound_speed: float, max_rows: int = ROWS.max_rows, noise: Noise | None = None
 ) -> Pressures:
     """Return the pressures of an impulse response; the part in which the sound is below the noise is left out.
 
@@ -228,13 +220,7 @@ def impulse_response_pressures(
     return Pressures(f, k, pressures, None if noise is None else density[chosen], how, spacing)
 
 
-def _spacing(
-    recording: Recording,
-    band: tuple[float, float],
-    s: float,
-    noise: Callable[[np.ndarray], np.ndarray] | None,
-    rate: float,
-) -> Spacing:
+def _spacing(recording: Recording, band: Band, s: float, noise: Noise | None, rate: float) -> Spacing:
     """Return the useful spacing of frequencies, from the energy of a few channels over time in the band.
 
     A sweep lasts longer than the response of the room, whose decay then counts.
@@ -252,17 +238,22 @@ def _spacing(
         spectrum = taper * rfft(row * weight, padded)[bins]
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
     level = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
-    found = spacing_of(energy, level * np.exp(-2 * s * times), interval)
+    silence = level * np.exp(-2 * s * times)
+    e = np.maximum(energy - silence, 0.0)
+    step = decorrelation = 1 / max(interval * len(energy), 1e-9)
+    if e.max(initial=0.0) > 0:  # e, v, 1 / T and 1 / T_eq of `fdcal.recordings.frequencies`
+        v = np.maximum(silence, ROWS.unexplained * np.sum(e**2) / np.sum(e))
+        step, decorrelation = 1 / (interval * np.sum(e / (e + v))), np.sum(e**2) / np.sum(e) ** 2 / interval
     # An even decay at `rate + s` has this spacing.
-    step = max(found.step, 2 * (rate + s) / float(np.log(2 / ROWS.unexplained)), 1 / recording.duration)
-    return replace(found, step=step, decorrelation=max(found.decorrelation, rate + s))
+    step = max(float(step), 2 * (rate + s) / float(np.log(2 / ROWS.unexplained)), 1 / recording.duration)
+    return Spacing(step, max(float(decorrelation), rate + s))
 
 
 class WrapsRound(InputError):
     """An impulse response that wraps round: its beginning is at its end."""
 
 
-def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
+def require_quiet_end(recording: Recording, band: Band) -> None:
     """Check that the sound does not rise again before the end, as a response does that wraps round.
 
     A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
@@ -304,7 +295,7 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         raise WrapsRound(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
 
 
-def mean_power(recording: Recording, band: tuple[float, float], s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+def mean_power(recording: Recording, band: Band, s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones.
 
     The frequencies are at most `step` Hz apart.
@@ -323,7 +314,7 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float, step: 
     return np.arange(first, last + 1) * fs / padded, power / recording.count
 
 
-def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Callable[[np.ndarray], np.ndarray]:
+def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Noise:
     """Return the moving average over `width` values of a density (G,) at `grid` (G,) Hz, as a function of frequency."""
     mean = np.convolve(np.pad(density, width // 2, mode="edge"), np.full(width, 1 / width), mode="valid")
     return lambda frequencies: np.interp(frequencies, grid, mean)
@@ -349,9 +340,7 @@ class DeconvolutionSettings:
 DECONVOLUTION = DeconvolutionSettings()
 
 
-def deconvolve(
-    recording: Recording, reference: Recording, band: tuple[float, float]
-) -> tuple[Recording, Callable[[np.ndarray], np.ndarray] | None]:
+def deconvolve(recording: Recording, reference: Recording, band: Band) -> tuple[Recording, Noise | None]:
     """Return the impulse responses of all channels, in memory, and the noise power of one sample of the transform.
 
     `reference`: one channel with the signal that the source emitted. The noise of a short recording is None.
@@ -386,7 +375,7 @@ def deconvolve(
     return made, smoothed(f, density, DECONVOLUTION.smoothing)
 
 
-def _inverse(S: np.ndarray, f: np.ndarray, band: tuple[float, float]) -> np.ndarray | None:
+def _inverse(S: np.ndarray, f: np.ndarray, band: Band) -> np.ndarray | None:
     """Return conj(S) / |S|^2 within the band, falling smoothly to zero outside; None if S is silent in the band."""
     low = band[0] / DECONVOLUTION.widening
     high = min(band[1] * DECONVOLUTION.widening, band[1] + DECONVOLUTION.max_widening)

@@ -39,10 +39,11 @@ BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
 RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
 
 
+Band = tuple[float, float]  # lowest and highest frequency, Hz
+Noise = Callable[[np.ndarray], np.ndarray]  # power of the noise in one sample of the transform, over frequency
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
 MIN_SAMPLES = 16  # of a channel
 SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
-SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,7 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
         name, wrong = recording.names[channels[row]], values[row, column]
         what = f"{wrong:.3g}, too large for a sound" if np.isfinite(wrong) else "not a finite number"
         problem = f'{recording.path}: sample {start + int(column)} of channel "{name}" is {what}'
-        remedy = f"repair the file, or leave out the channel: <leave_out> {name}"
-        raise InputError(problem, remedy, key="leave_out", value=name)
+        raise InputError(problem, f"repair the file, or leave out the channel: <leave_out> {name}", key="leave_out")
     return values
 
 
@@ -154,13 +154,10 @@ def join_channels(files: Sequence[Recording]) -> Recording:
     other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
     if other is not None:
         problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
-        problem += ", and the channels of one take need one sampling rate"
-        remedy = "convert one of them, from a recording that was made at the same time"
-        raise InputError(problem, remedy, key="sample_rate")
+        raise InputError(problem, "convert one of them; channels of one take need one rate", key="sample_rate")
     if shortest.samples < (1 - SHORTER) * longest.samples:
         problem = f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s"
-        problem += ": they are not channels of one take"
-        raise InputError(problem, "give files that were recorded at the same time, of one length", key="files")
+        raise InputError(problem, "give channels of one take, which were recorded at the same time", key="files")
     owner = np.repeat(np.arange(len(files)), [one.count for one in files])
     local = np.concatenate([np.arange(one.count) for one in files])
 
@@ -201,7 +198,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
     """Cut a recording into parts of `seconds`, at least `min_seconds`; a short remainder is joined to the last part."""
     if seconds < min_seconds:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
-        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split", value=seconds)
+        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split")
     length = int(seconds * recording.sample_rate)
     starts = list(range(0, recording.samples, length))
     if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
@@ -210,7 +207,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         problem = f"split = {seconds:.3g} s does not divide {recording.path}, which lasts {recording.duration:.3g} s"
         longest = recording.duration / 1.5
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
-        raise InputError(problem, remedy, key="split", value=seconds)
+        raise InputError(problem, remedy, key="split")
     fs = recording.sample_rate
     return [
         replace(
@@ -320,16 +317,13 @@ class ImportOptions:
         object.__setattr__(self, "known", None if self.known == "none" else self.known)
         check(self)
         if isinstance(self.source, str) and self.source != "all":
-            problem = f'source = "{self.source}" is not a source'
-            raise InputError(problem, "use a number from 0, or all", key="source", value=self.source)
+            raise InputError(f'source = "{self.source}" is not a source', "use a number from 0, or all", key="source")
         if self.split is not None and (self.kind == "impulse" or self.reference):
             what = "kind impulse" if self.kind == "impulse" else "a reference"
             problem = f"split = {self.split:.3g} s is for a stationary recording, and {what} is given"
-            remedy = "leave out <split>, or record each take separately"
-            raise InputError(problem, remedy, key="split", value=self.split)
+            raise InputError(problem, "leave out <split>, or record each take separately", key="split")
         if self.array_dimension == 3 and self.dimension == 2:
-            problem = "array_dimension = 3 is not possible in a field of 2"
-            raise InputError(problem, "use 2", key="array_dimension", value=self.array_dimension)
+            raise InputError("array_dimension = 3 is not possible in a field of 2", "use 2", key="array_dimension")
         if self.temperature is not None and self.sound_speed is not None:
             remedy = "give one of <temperature> and <sound_speed>"
             raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")

@@ -89,8 +89,7 @@ class ChannelDelays:
         t, d = self.times[seen], row[seen]
         slope = np.sum((t - t[0]) * d) / np.sum((t - t[0]) ** 2)
         off_line = np.sum((d - slope * (t - t[0])) ** 2)
-        steps = [np.sum((d[:k] - np.median(d[:k])) ** 2) + np.sum((d[k:] - np.median(d[k:])) ** 2)
-                 for k in range(1, len(d))]  # fmt: skip
+        steps = [sum(np.sum((x - np.median(x)) ** 2) for x in np.split(d, [k])) for k in range(1, len(d))]
         k = int(np.argmin(steps)) + 1
         if off_line <= steps[k - 1]:
             return ClockFault("drift", 1e6 * float(slope))

@@ -60,10 +60,8 @@ class Take:
         """What was recorded, in words."""
         names, bad = self.names, self.health.bad
         faults = "; ".join(f"channel {names[n]}: {self.health.fault(n, names)}" for n in bad)
-        parts = [
-            f"{self.path}: {self.seconds:.3g} s at {self.sample_rate:g} Hz, {len(names)} channels",
-            faults or "none of them is silent, clipped or a copy",
-        ]
+        parts = [f"{self.path}: {self.seconds:.3g} s at {self.sample_rate:g} Hz, {len(names)} channels"]
+        parts.append(faults or "none of them is silent, clipped or a copy")
         if self.gaps:
             parts.append(f"samples were lost {self.gaps} times, in all channels alike: close other programs")
         if self.fault:
@@ -94,13 +92,13 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         count, fs = channels or int(card["max_input_channels"]), float(rate or card["default_samplerate"])
         if count > card["max_input_channels"]:
             problem = f'the sound card "{card["name"]}" has {card["max_input_channels"]} inputs, not {count}'
-            raise InputError(problem, "give fewer <channels>, or another <device>", key="channels", value=count)
+            raise InputError(problem, "give fewer <channels>, or another <device>", key="channels")
         sd.check_input_settings(device=chosen, channels=count, samplerate=fs, dtype="int32")
     except (sd.PortAudioError, ValueError) as error:
         if isinstance(error, InputError):
             raise
         what = "there is no sound card with inputs" if device is None else f'no sound card "{device}" can record this'
-        raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device", value=device) from error
+        raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device") from error
 
     def blocks() -> Generator[Block, None, None]:
         arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # of whole numbers: a driver may deliver any float
@@ -135,7 +133,7 @@ def replayed(
     recording = formats.read(path)
     if channels is not None and channels > recording.count:
         problem = f"{path} has {recording.count} channels, not {channels}"
-        raise InputError(problem, "give fewer <channels>", key="channels", value=channels)
+        raise InputError(problem, "give fewer <channels>", key="channels")
     recording = select_channels(recording, np.arange(channels or recording.count))
 
     def blocks() -> Generator[Block, None, None]:
@@ -152,7 +150,7 @@ def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
     count, width = len(stream.names), 3 if stream.full_scale else 4
     if path.suffix.lower() == ".wav" and round(seconds * stream.sample_rate) * count * width > WAV_BYTES:
         problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
-        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds", value=seconds)
+        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds")
     require_whole_rate(stream.sample_rate)
 
 
@@ -206,7 +204,7 @@ def record_take(
                 fault = str(error)
         if done < MIN_SAMPLES:
             why = fault or ("it was stopped before any sound came" if stopped else "the stream is empty")
-            raise InputError(f"nothing was recorded: {why}", key="output", value=str(path))
+            raise InputError(f"nothing was recorded: {why}", key="output")
 
     write_atomically(path, write, force)
     return Take(

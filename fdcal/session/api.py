@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from ..model.measurement import Measurement, MicrophonePositions, microphone_index, with_known, with_positions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, convert, require_array, shown_literal, unexpected_argument, within
+from ..model.validation import InputError, convert, require_array, shown, unexpected_argument, within
 from .calibration_run import solve
 from .process import one_blas_thread
 from .sources import ProgressReport, is_recording, load_input, measurement_input, scene_input, with_settings
@@ -229,8 +229,8 @@ def calibrate(
     if distance is not None:
         parts = [] if isinstance(distance, str) or not isinstance(distance, Iterable) else list(distance)
         if len(parts) != 3:
-            problem = f"distance = {shown_literal(distance)} is not two microphones and a length"
-            raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance", value=distance)
+            problem = f"distance = {shown(distance, quoted=True)} is not two microphones and a length"
+            raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance")
         distance = str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     return solve(inputs, progress, keep=True)
@@ -286,8 +286,8 @@ def landscape(
     from ..cost.maps import landscape_panels
 
     if calibration is not None and not isinstance(calibration, Calibration):
-        problem = f"calibration = {shown_literal(calibration)} must be a Calibration"
-        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration", value=calibration)
+        problem = f"calibration = {shown(calibration, quoted=True)} must be a Calibration"
+        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration")
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
         raise InputError(
@@ -299,14 +299,14 @@ def landscape(
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
     """Return a list of names or numbers of microphones as texts; InputError for a single name that is not in a list."""
-    remedy = f"put names or numbers into a list: <{key}> = [{shown_literal(values)}]"
+    remedy = f"put names or numbers into a list: <{key}> = [{shown(values, quoted=True)}]"
     return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
 
 def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
     """Return the entries of a list; InputError for a text, or for a value that cannot be iterated."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
-        raise InputError(f"{key} = {shown_literal(values)} must be a list of {what}", remedy, key=key, value=values)
+        raise InputError(f"{key} = {shown(values, quoted=True)} must be a list of {what}", remedy, key=key)
     return list(values)
 
 
@@ -316,11 +316,11 @@ def require_inputs(measurement: Any, settings: Any, function: str) -> None:
         problem = f"{function} takes a measurement, not {type(measurement).__name__}"
         raise InputError(problem, f"load it first: fdcal.{function}(fdcal.load(...))", key="measurement")
     if settings is not None and not isinstance(settings, SolverSettings):
-        problem = f"settings = {shown_literal(settings)} are not those of a solver"
-        raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings", value=settings)
+        problem = f"settings = {shown(settings, quoted=True)} are not those of a solver"
+        raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings")
 
 
 def require_callable(key: str, value: Callable | None) -> None:
     """Raise InputError unless `value` can be called, or is None."""
     if value is not None and not callable(value):
-        raise InputError(f"{key} = {shown_literal(value)} cannot be called", "give a function", key=key, value=value)
+        raise InputError(f"{key} = {shown(value, quoted=True)} cannot be called", "give a function", key=key)

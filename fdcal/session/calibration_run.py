@@ -70,7 +70,7 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
         if extent > diagonal:
             text = "x".join(f"{length:g}" for length in size)
             fault = f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart"
-            raise InputError(fault, "give <room> in metres", key="room", value=size)
+            raise InputError(fault, "give <room> in metres", key="room")
 
 
 def assess_state(
@@ -252,7 +252,7 @@ def last_state(
         if state is None:
             fault = f"the {limit:g} s of processor time were used up before there were positions of microphones"
             remedy = f"use <time_limit> {LONGER * limit:g}, or fewer microphones (<exclude>)"
-            raise InputError(fault, remedy, key="time_limit", value=limit) from None
+            raise InputError(fault, remedy, key="time_limit") from None
         why = f"the solver was stopped after {limit:g} s of processor time; use <time_limit> {LONGER * limit:g}"
         return ended_early(state), why, end
     except KeyboardInterrupt:

@@ -19,8 +19,7 @@ from .. import solvers
 from ..model.address import SOLVER, Map, Unit, View, parse_address
 from ..model.arrays import positions_of
 from ..model.problem import Problem
-from ..model.room import folder_of
-from ..model.scene import Scene, load_scene
+from ..model.scene import Scene, folder_of, load_scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_toml, read_bytes
 from ..model.validation import InputError, Seed, StorageError, build, parse_modes, shown, within
@@ -217,7 +216,7 @@ def load_lesson(path: str | Path) -> Lesson:
         if str(path) not in names:
             near = difflib.get_close_matches(str(path), names, 1)
             remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
-            raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson", value=str(path))
+            raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson")
         path = folder_of("lessons") / f"{path}.toml"
     table = parse_toml(read_bytes(path, FILE_BYTES, "lesson"), path)
     try:

@@ -97,14 +97,14 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         if measurement.positions is not None:
             return Layout(scene.name, measurement.names, measurement.positions)
         problem = f"{scene.name} is a measurement without positions"
-        raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
+        raise InputError(problem, "give a table of them, or another scene", key="layout")
     files = f"a file of positions ({', '.join(sorted(READERS))})"
     remedy = f"give {files}, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
-    raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
+    raise InputError(f'"{text}" names no array', remedy, key="layout")
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
-    refused = InputError(f'"{text}" is not a geometry', f"write it as {EXAMPLES}", key="layout", value=text)
+    refused = InputError(f'"{text}" is not a geometry', f"write it as {EXAMPLES}", key="layout")
     if words[0] not in FORMS or len(words) != 3:
         raise refused
     try:
@@ -176,7 +176,7 @@ class PlanRequest:
         x, room = self.layout.positions, self.room
         (N, D), low, high = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
         if not low <= N <= high:
-            raise InputError(f"the layout has {N} microphones", f"give {low} to {high}", key="layout", value=N)
+            raise InputError(f"the layout has {N} microphones", f"give {low} to {high}", key="layout")
         pairs = np.triu_indices(N, 1)
         apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
         if apart.min() <= ONE_PLACE * apart.max():
@@ -205,7 +205,7 @@ class PlanRequest:
             array, size = (" x ".join(f"{length:.3g}" for length in lengths) for lengths in (extent, room or ()))
             problem = f"the array, {array} m, does not fit into the room, {size} m,"
             problem += f" {WALL_DISTANCE_M:g} m from its walls"
-            raise InputError(problem, "give a smaller array or a larger <room>, both in metres", key="room", value=room)
+            raise InputError(problem, "give a smaller array or a larger <room>, both in metres", key="room")
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:.1f} to {high:.1f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
@@ -238,7 +238,7 @@ class PlanRequest:
         if low >= self.f_max:
             problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
             remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width
-            raise InputError(problem, remedy, key="frequencies", value=self.band)
+            raise InputError(problem, remedy, key="frequencies")
         return low, min(high, self.f_max)
 
     @property

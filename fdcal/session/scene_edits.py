@@ -12,8 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..model.arrays import positions_of
-from ..model.room import WALLS
-from ..model.scene import Array, Gauge, MeasuredScene, Scene
+from ..model.scene import WALLS, Array, Gauge, MeasuredScene, Scene
 from ..model.settings import ALL_MODES, Search
 from ..model.validation import Count, InputError, Metres, Seed, build, check, require_choice, within
 
@@ -35,7 +34,7 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     for key, value in changes.items():
         if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
             problem = f"{key} cannot be changed: the scene is a measurement"
-            raise InputError(problem, "change solver or seed, or use a scene that is simulated", key=key, value=value)
+            raise InputError(problem, "change solver or seed, or use a scene that is simulated", key=key)
         change(table, key, value)
     return build(type(scene), table)
 
@@ -48,7 +47,7 @@ def change(table: dict[str, Any], key: str, value: Any) -> None:
         if not isinstance(table, dict):
             above = ".".join(path[:depth])
             remedy = f"{above} is a value, not a table; set {above} itself"
-            raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
+            raise InputError(f"{key} is not a key of a scene", remedy, key=key)
     table.pop(last, None)
     if value is not None:
         table[last] = plain(value)
@@ -121,7 +120,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
     if (known, count) != (before.known, before.microphones):  # otherwise the known microphones stay the same
         if not lowest <= known < count:
             problem = f"known = {known} of {count} microphones is impossible"
-            raise InputError(problem, f"use {lowest} to {count - 1}", key="known", value=known)
+            raise InputError(problem, f"use {lowest} to {count - 1}", key="known")
         positions = positions_of(replace(changed, gauge=Gauge(free=(0,))))
         changed = replace(changed, gauge=Gauge(known=spread_out(positions, known)))
     positions_of(changed)
@@ -148,7 +147,7 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
     if array.positions is not None:
         if parameters.microphones != before.microphones:
             problem = f"microphones = {parameters.microphones}; the scene gives the positions of {before.microphones}"
-            raise InputError(problem, "choose another scene", key="microphones", value=parameters.microphones)
+            raise InputError(problem, "choose another scene", key="microphones")
         points = np.array(array.positions)
         middle = points.mean(axis=0)
         return replace(array, positions=tuple(map(tuple, (middle + q * (points - middle)).tolist())))
@@ -178,7 +177,7 @@ def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Sce
         return scene.room.admittance
     if not 0 < parameters.absorption <= 1:
         problem = f"absorption = {100 * parameters.absorption:g} % is impossible for absorbing walls"
-        raise InputError(problem, "use more than 0, 100 % at most", key="absorption", value=parameters.absorption)
+        raise InputError(problem, "use more than 0, 100 % at most", key="absorption")
     reflection = math.sqrt(1 - parameters.absorption)
     return (1 - reflection) / (1 + reflection)
 

@@ -24,7 +24,7 @@ from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
 from ..model.settings import SolverSettings
 from ..model.storage import damaged, parse_json, read_archive, require_regular
-from ..model.validation import LIMITS, InputError, build, convert, frozen_array, shown, shown_literal
+from ..model.validation import LIMITS, InputError, build, convert, frozen_array, shown
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES
@@ -90,7 +90,7 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
     if table["fdcal_session"] != VERSION:
         found = shown(table["fdcal_session"], 20)
         remedy = f"this fdcal reads version {VERSION}"
-        raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
+        raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session")
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
         convert(table[key], kind, key)
     scene = build(MeasuredScene if table.get("measured") is True else Scene, table["scene"])
@@ -103,7 +103,7 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
     if (measurement.dimension, measurement.array_dimension) != own:
         found = measurement.dimension, measurement.array_dimension
         problem = f"the measurement has a field and an array of {found[0]} and {found[1]} dimensions, the scene of"
-        raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session", value=found)
+        raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session")
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     made = read_states(table["states"], arrays, problem, scene.solver.name, MAX_STATES)
     return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
@@ -195,15 +195,15 @@ class StateReader:
         elif isinstance(value, np.ndarray):
             if value.shape != self._shapes.get(key, value.shape):
                 remedy = f"with this measurement it is {self._shapes[key]}"
-                raise InputError(f"{name} has shape {value.shape}", remedy, key=name, value=value.shape)
+                raise InputError(f"{name} has shape {value.shape}", remedy, key=name)
             if key in PLACES and np.abs(value).max(initial=0.0) > LIMITS.coordinate:
                 raise InputError(f"{name} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m", key=name)
         elif isinstance(value, int) and not isinstance(value, bool):
             low, high = self._ranges.get(key, (0, LARGEST_COUNT))
             if not low <= value <= high:
-                raise InputError(f"{name} = {shown(value)} must be from {low} to {high}", key=name, value=value)
+                raise InputError(f"{name} = {shown(value)} must be from {low} to {high}", key=name)
         elif isinstance(value, float) and math.isnan(value):
-            raise InputError(f"{name} = nan must be a number", key=name, value=value)
+            raise InputError(f"{name} = nan must be a number", key=name)
 
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
@@ -256,9 +256,9 @@ def read_states(
     settings, rows, name = table["settings"], table["rows"], table.get("solver")
     if not 1 <= len(rows) <= max_count:
         remedy = f"a session holds 1 to {max_count} states"
-        raise InputError(f"states.rows has {len(rows)} entries", remedy, key="states.rows", value=len(rows))
+        raise InputError(f"states.rows has {len(rows)} entries", remedy, key="states.rows")
     if name != solver:
-        remedy = f"the scene has solver.name = {shown_literal(solver)}"
-        raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.solver", value=name)
+        remedy = f"the scene has solver.name = {shown(solver, quoted=True)}"
+        raise InputError(f"states are of solver {shown(name, quoted=True)}", remedy, key="states.solver")
     reader = StateReader(arrays, [build(SolverSettings, one, "settings.") for one in settings], problem)
     return tuple(reader.state(row, solvers.load(solver).State) for row in rows)

@@ -82,12 +82,12 @@ def load_input(
     elif any(recorded):
         other = texts[recorded.index(False)]
         problem = f"{other} holds no recordings, and other files do"
-        raise InputError(problem, "give recordings only, or measurements only", key="source", value=other)
+        raise InputError(problem, "give recordings only, or measurements only", key="source")
     elif len(texts) > 1:
         scene = next((one for one in texts if not one.lower().endswith(".npz")), None)
         if scene is not None:
             problem = f"{scene} is neither a recording nor a measurement, and several files must be one of them"
-            raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
+            raise InputError(problem, "give one scene, or files of takes", key="source")
         measurement = Measurement.from_takes([load_measurement(one, excluded) for one in texts])
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)

@@ -201,7 +201,7 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
     """Raise InputError for a problem whose lattice descent cannot search."""
     if settings.known != "all":
         message = f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs'
-        raise InputError(message, "use <known> all, or <solver> joint", key="known", value=settings.known)
+        raise InputError(message, "use <known> all, or <solver> joint", key="known")
     if problem.dimension != problem.array_dimension:
         raise InputError(
             "descent works on two-dimensional fields and on arrays in space; this measurement of an array in a plane"
@@ -214,10 +214,10 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
         if problem.array_dimension == 3:
             fewest = "four known microphones that are not in one plane"
         message = f"known = {known} does not fix translation, rotation and mirror"
-        raise InputError(message, f"descent needs at least {fewest}", key="known", value=known)
+        raise InputError(message, f"descent needs at least {fewest}", key="known")
     if np.prod(search.shape) < count:
         message = f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones"
-        raise InputError(message, "use a smaller step or a larger search.size", key="search.step", value=search.step)
+        raise InputError(message, "use a smaller step or a larger search.size", key="search.step")
     low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
     far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
     if len(far):

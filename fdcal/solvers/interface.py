@@ -323,7 +323,7 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
     if count**2 * modes > LIMITS.pairs:
         fault = f"{count} microphones at {modes} frequencies need more memory than a calibration may take"
         remedy = f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)"
-        raise InputError(fault, remedy, key="modes", value=modes)
+        raise InputError(fault, remedy, key="modes")
     extent, limit = radius(problem.known_positions), max_radius(problem, modes)
     if extent > limit:
         fault = (

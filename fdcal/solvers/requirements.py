@@ -78,7 +78,7 @@ def require_measured(problem: Problem, count: int) -> None:
     measured = len(problem.pressures)
     if count > measured:
         message = f"solver.modes = {count}, but {measured} modes were measured"
-        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes", value=count)
+        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes")
 
 
 def require_range(problem: Problem, first: int, last: int) -> None:
@@ -107,7 +107,7 @@ def require_modes(problem: Problem, count: int) -> None:
     needed = needed_modes(problem)
     if count < needed:
         message = f"{count} modes are too few for {problem.array_dimension * len(problem.free)} unknown coordinates"
-        raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes", value=count)
+        raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes")
 
 
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
@@ -138,7 +138,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
             f" at least {needed} are needed"
         )
         remedy = "measure more" if measured < needed else f"use <modes> {needed} or more"
-        raise InputError(fault, remedy, key="modes", value=used)
+        raise InputError(fault, remedy, key="modes")
     if not fixes_gauge(problem.known_positions):
         _check_line(problem, modes)
 

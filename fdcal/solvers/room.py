@@ -784,7 +784,7 @@ def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ..
     text = "x".join(f"{length:g}" for length in size)
 
     def error(message: str, remedy: str) -> InputError:
-        return InputError(f"room = {text}{message}", remedy, key="room", value=size)
+        return InputError(f"room = {text}{message}", remedy, key="room")
 
     if len(size) != D:
         raise error(f" has {len(size)} lengths, but the sound field has {D} dimensions", "give as many")
@@ -815,4 +815,4 @@ def _require_enough(count: int, D: int, modes: int) -> None:
     if count < 2 or modes < needed:
         message = f"{modes} modes of {count} microphones are too few for a known room"
         remedy = f"use {needed} modes (<modes>) or more, and two microphones at least"
-        raise InputError(message, remedy, key="modes", value=modes)
+        raise InputError(message, remedy, key="modes")

@@ -98,7 +98,7 @@ def require_gauge(problem: Problem) -> None:
     if len(problem.known) and not fixes_gauge(problem.known_positions):
         fault = f"known = {problem.known.tolist()} does not fix translation, rotation and mirror"
         remedy = f"name at least {problem.array_dimension + 1} known microphones that span the array, or none"
-        raise InputError(fault, remedy, key="known", value=problem.known.tolist())
+        raise InputError(fault, remedy, key="known")
 
 
 def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:

@@ -296,5 +296,5 @@ class Overlay:
 def whole(value: str, low: int, high: int) -> int:
     """Return the whole number in a command, within bounds; InputError if it is not one."""
     if not re.fullmatch(r"-?[0-9]{1,9}", value):
-        raise InputError(f'"{value[:40]}" is not a whole number', f"use {low} to {high}", value=value)
+        raise InputError(f'"{value[:40]}" is not a whole number', f"use {low} to {high}")
     return min(max(int(value), low), high)

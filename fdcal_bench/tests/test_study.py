@@ -23,7 +23,7 @@ import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import sound_field
 from fdcal.commands.cli import main
-from fdcal.model.room import Room
+from fdcal.model.scene import Room
 from fdcal.model.validation import InputError, StorageError
 from fdcal_bench import command, draw, run, tasks
 from fdcal_bench.code import CodeVersion, source_hash
@@ -147,7 +147,7 @@ def test_a_report_of_no_folder_and_a_scheduler_that_is_not_there_are_refused(fil
 
 def test_an_axis_of_scenes(file, tmp_path):
     """Names of shipped scenes, and paths beside the study's file; two scenes make two points."""
-    from fdcal.model.room import folder_of
+    from fdcal.model.scene import folder_of
 
     (tmp_path / "own.toml").write_text(
         (folder_of("scenes") / "tiny.toml").read_text().replace("snr_db = inf", "snr_db = 12.0")

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from fields import plane_wave, plane_wave_coefficients
+from running import refuses
 from scipy.io import loadmat, savemat
 from scipy.special import jv, spherical_jn
 
@@ -29,10 +30,9 @@ from fdcal.acoustics.plane_waves import (
     plane_wave_responses,
 )
 from fdcal.acoustics.spectrum import laplace_transform
-from fdcal.model.room import response_path
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import load_scene, response_path
 from fdcal.model.settings import Search
-from fdcal.model.validation import InputError, StorageError
+from fdcal.model.validation import InputError
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]
 CENTRE = np.array([2.1, 0.9])
@@ -218,10 +218,8 @@ def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):
 def test_a_response_that_is_cut_off_or_missing_is_named(tmp_path):
     for content in (response_path("listening_lab").read_bytes()[:5000], b"no MATLAB file"):
         (tmp_path / "bad.mat").write_bytes(content)
-        with pytest.raises(InputError, match=r"bad\.mat"):
-            load_sdm_response(tmp_path / "bad.mat")
-    with pytest.raises(StorageError, match=r"missing\.mat"):
-        load_sdm_response(tmp_path / "missing.mat")
+        refuses(r"bad\.mat", load_sdm_response, tmp_path / "bad.mat")
+    refuses(r"missing\.mat", load_sdm_response, tmp_path / "missing.mat")
 
 
 def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():
@@ -256,15 +254,13 @@ def test_an_element_of_an_unknown_type_is_refused(response_file, kind):
     assert data[tag] == 9, "double"
     data[tag] = kind
     response_file.write_bytes(data)
-    with pytest.raises(InputError, match=r"response\.mat"):
-        load_sdm_response(response_file)
+    refuses(r"response\.mat", load_sdm_response, response_file)
 
 
 @pytest.mark.parametrize("length", (131, -1))
 def test_a_file_that_is_cut_off_is_refused(response_file, length):
     response_file.write_bytes(response_file.read_bytes()[:length])
-    with pytest.raises(InputError):
-        load_sdm_response(response_file)
+    refuses("", load_sdm_response, response_file)
 
 
 def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
@@ -274,5 +270,4 @@ def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
     savemat(response_file, {**others, **table}, do_compression=True, oned_as="column")
     assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
     savemat(response_file, table | {"p": np.full(200, 1.0 + 1j)})
-    with pytest.raises(InputError, match="p is complex"):
-        load_sdm_response(response_file)
+    refuses("p is complex", load_sdm_response, response_file)

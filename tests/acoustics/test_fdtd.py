@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.fdtd import advance, energy, make_grid, pulse, simulate
-from fdcal.model.room import Room, Source
+from fdcal.model.scene import Room, Source
 from fdcal.model.validation import InputError
 
 H, C = 0.05, 343.0

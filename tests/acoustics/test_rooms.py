@@ -19,8 +19,7 @@ from fdcal.acoustics.room_modes import (
     room_symmetries,
 )
 from fdcal.acoustics.spectrum import SPECTRUM
-from fdcal.model.room import Room, Source
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import Room, Source, load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.session.sources import check_scene

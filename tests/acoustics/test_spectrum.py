@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import disc, waves
+from running import refuses
 from scipy.special import jv
 
 from fdcal.acoustics.coherence import array_radius
@@ -22,7 +23,6 @@ from fdcal.acoustics.spectrum import (
 from fdcal.model.arrays import ball
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Faults
-from fdcal.model.validation import InputError
 
 FS, T = 4000.0, 2.0
 TIME = np.arange(round(FS * T)) / FS
@@ -108,8 +108,7 @@ def test_transform_is_the_sum_it_says():
     ],
 )
 def test_what_has_no_spectrum_is_refused(tiny, call, words):
-    with pytest.raises(InputError, match=words):
-        call(tiny)
+    refuses(words, call, tiny)
 
 
 @pytest.mark.parametrize("s", [0.0, 3.0])

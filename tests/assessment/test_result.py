@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from running import refuses
 from scipy.spatial.distance import pdist
 
 from fdcal import Calibration
@@ -21,7 +22,7 @@ from fdcal.assessment.result_file import load_result, save_result
 from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.model.gauge import FRAMES, in_frame
 from fdcal.model.measurement import Measurement
-from fdcal.model.validation import InputError, StorageError
+from fdcal.model.validation import InputError
 from fdcal.recordings.formats.positions import read_positions
 
 # The keys of every result, and others.
@@ -82,8 +83,7 @@ def test_a_calibration_survives_the_round_trip(tmp_path):
     back = load_result(path)
     assert flat(back) == flat(FULL)
     assert back.positions.dtype == float and not back.positions.flags.writeable
-    with pytest.raises(InputError, match="exists"):
-        save_result(FULL, path)
+    refuses("exists", save_result, FULL, path)
     save_result(back, path, force=True)
     assert flat(load_result(path)) == flat(FULL)
 
@@ -161,16 +161,14 @@ def test_a_key_that_is_malformed_or_missing_is_named_and_is_not_written(tmp_path
 
 def test_a_file_that_is_no_result(tmp_path):
     path = tmp_path / "r.json"
-    with pytest.raises(StorageError, match="cannot read"):
-        load_result(path)
+    refuses("cannot read", load_result, path)
     for version in (None, 0, 2, "1", [1]):
         with pytest.raises(InputError, match="of this version of fdcal") as refused:
             Calibration.from_json(json.dumps(LEAST | {"fdcal_result": version}))
         assert refused.value.key == "fdcal_result" and "\n" not in str(refused.value)
     for text in ("{", "[1]", json.dumps(LEAST | {"seed": True}), "\udcff"):
         path.write_bytes(text.encode(errors="surrogateescape"))
-        with pytest.raises(InputError, match=r"r\.json"):
-            load_result(path)
+        refuses(r"r\.json", load_result, path)
 
 
 # A calibration: its errors against the truth, its frames, and what it can be turned into.
@@ -203,10 +201,8 @@ def test_positions_are_given_in_the_axes_of_the_true_positions():
     assert aligned.compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
     room = KnownRoom((6.0, 5.0), np.zeros(2), 0j, (("(x, y)", turned), ("(6 - x, y)", truth)))
     assert np.array_equal(replace(plain, positions=turned, room=room).positions_for(measurement), truth)
-    with pytest.raises(InputError, match=r"shape \(4, 2\)"):
-        plain.positions_for(measurement)
-    with pytest.raises(InputError, match="leaves out microphone c"):
-        replace(result(2), excluded=("c",)).positions_for(measurement)
+    refuses(r"shape \(4, 2\)", plain.positions_for, measurement)
+    refuses("leaves out microphone c", lambda: replace(result(2), excluded=("c",)).positions_for(measurement))
 
 
 def test_errors_are_of_the_microphones_sought_whose_channels_are_healthy():
@@ -279,8 +275,7 @@ def test_what_is_exported_can_be_read_as_positions(suffix, tmp_path):
     read = read_positions(path)
     assert read.names == NAMES
     np.testing.assert_array_equal(read.positions, FOUR_POSITIONS)
-    with pytest.raises(InputError, match="exists"):
-        result().export(path)
+    refuses("exists", lambda: result().export(path))
     for name, frame, words in (("p.doc", None, "suffix"), ("p", None, "suffix"), ("p.csv", "upside down", "frame")):
         with pytest.raises(InputError, match=words):
             result().export(tmp_path / name, frame=frame)
@@ -305,8 +300,7 @@ def test_the_table_of_pandas_has_positions_channels_and_given_positions():
 
 def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(InputError, match=r"fdcal\[pandas\]"):
-        result().to_dataframe()
+    refuses(r"fdcal\[pandas\]", lambda: result().to_dataframe())
 
 
 @pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
@@ -317,8 +311,7 @@ def test_the_figure_shows_every_microphone_once(D, panels):
     np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), FOUR_POSITIONS[:1, :2])
     np.testing.assert_array_equal(np.column_stack(marks["estimate"].get_data()), FOUR_POSITIONS[1:, :2])
     np.testing.assert_array_equal(np.column_stack(marks["true"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
-    with pytest.raises(InputError, match="shape"):
-        result(D).plot(FOUR_POSITIONS[:, : 5 - D])
+    refuses("shape", lambda: result(D).plot(FOUR_POSITIONS[:, : 5 - D]))
 
 
 def test_true_positions_are_laid_on_an_array_that_nothing_holds():

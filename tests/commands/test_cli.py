@@ -17,8 +17,7 @@ from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.marks import ESTIMATE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.room import folder_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 

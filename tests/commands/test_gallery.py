@@ -11,8 +11,7 @@ from running import exit_code
 from fdcal import load, solvers
 from fdcal.commands import gallery_pages
 from fdcal.model.measurement import load_measurement
-from fdcal.model.room import folder_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 from fdcal.model.storage import folder_in_progress
 from fdcal.model.validation import InputError, StorageError, parse_modes
 from fdcal.session.lesson import lesson_names, load_lesson

@@ -11,7 +11,6 @@ import pytest
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands import cli, options
-from fdcal.model import scene as scenes
 from fdcal.model.libraries import LIBRARY, missing_library
 
 FDCAL = [sys.executable, "-m", "fdcal"]
@@ -25,7 +24,7 @@ def broken(monkeypatch):
         def fail():
             raise error
 
-        monkeypatch.setattr(scenes, "scene_names", fail)
+        monkeypatch.setattr(cli, "scene_names", fail)
 
     return breaks
 

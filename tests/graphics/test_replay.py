@@ -23,8 +23,7 @@ from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.room import folder_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 from fdcal.model.settings import Search
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"

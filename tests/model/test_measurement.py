@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from fields import measured
+from running import refuses
 
 import fdcal
 from fdcal.model import measurement as model
@@ -95,8 +96,7 @@ def test_a_measurement_survives_the_round_trip(written):
 
 @pytest.mark.parametrize("key", model.REQUIRED)
 def test_a_required_key_is_asked_for(written, key):
-    with pytest.raises(InputError, match=rf'has no "{key}"; a measurement needs'):
-        model.load_measurement(written(**{key: None}))
+    refuses(rf'has no "{key}"; a measurement needs', lambda: model.load_measurement(written(**{key: None})))
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_a_required_key_is_asked_for(written, key):
     [
         ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
         ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
-        ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "leaves no microphone to be found"]),
+        ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "none is left to be found"]),
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
         ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
         ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
@@ -135,8 +135,7 @@ def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words
 def test_the_other_time_sign_is_refused(written):
     with np.load(written()) as archive:
         other = archive["wavenumbers"].conj()
-    with pytest.raises(InputError, match=r"wavenumbers\[0\].*exp\(\+j w t\).*conjugate"):
-        model.load_measurement(written(wavenumbers=other))
+    refuses(r"wavenumbers\[0\].*exp\(\+j w t\).*conjugate", lambda: model.load_measurement(written(wavenumbers=other)))
     assert model.load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
 
 
@@ -166,8 +165,7 @@ def test_arrays_are_taken_as_they_are():
         ({"time_convention": "exp(+iwt)"}, "time_convention"),
         ({"names": list("abcde"), "known": {"f": PLACES[0]}}, "is not the name of a microphone"),
     ):
-        with pytest.raises(fdcal.InputError, match=words):
-            from_arrays(**wrong)
+        refuses(words, from_arrays, **wrong)
 
 
 NAMED = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, names=list("abcde"))
@@ -183,11 +181,9 @@ def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_mi
     np.testing.assert_array_equal(model.with_positions(NUMBERED, numbered).positions, PLACES)
     np.testing.assert_array_equal(model.with_positions(kept, numbered, excluded=2).positions, PLACES[[0, 2, 4]])
     for measurement in (NAMED, NUMBERED):
-        with pytest.raises(fdcal.InputError, match="6 positions are given for 5 microphones"):
-            model.with_positions(measurement, one_more)
+        refuses("6 positions are given for 5 microphones", model.with_positions, measurement, one_more)
     flat = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, dimension=2)
-    with pytest.raises(fdcal.InputError, match="heights"):
-        model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES))
+    refuses("heights", lambda: model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES)))
     level = model.MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
     np.testing.assert_array_equal(model.with_positions(flat, level).positions, PLACES[:, :2])
 
@@ -206,5 +202,4 @@ def test_joined_takes_keep_their_spectra():
         axis, power = joined.of_take(number).spectrum
         np.testing.assert_allclose(power, level * axis)
     assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
-    with pytest.raises(fdcal.InputError, match="spectrum has 4 rows"):
-        dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5))
+    refuses("spectrum has 4 rows", lambda: dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5)))

@@ -6,11 +6,11 @@ import tomllib
 
 import numpy as np
 import pytest
+from running import refuses
 
 from fdcal.acoustics.measure import cached_measurement, load_cached_measurement, measure
 from fdcal.model.arrays import positions_of
-from fdcal.model.room import folder_of, response_path
-from fdcal.model.scene import MeasuredScene, load_scene, no_rectangle
+from fdcal.model.scene import MeasuredScene, folder_of, load_scene, no_rectangle, response_path
 from fdcal.model.validation import InputError, StorageError
 
 
@@ -51,7 +51,7 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"array.count": "5"}, ["array.count has no meaning", "remove it"]),
         ({"array.random": "100000"}, ["array has 100009 microphones", "at most"]),
         ({"search.step": "1.0"}, ["search.step = 1 m", "use a smaller step"]),
-        ({"search.step": "1e-320"}, ["search.step = ", "use a number from 1e-12"]),
+        ({"search.step": "1e-320"}, ["search.step = ", "use 1e-12"]),
         ({"search.step": "0.0005"}, ["9.24e+05 candidates", "use a larger one", "500000"]),
         ({"search.size": "[0.48, 0.47]"}, ["search.size = 0.47 m", "search.step = 0.02 m", "use 0.46 or 0.48 m"]),
         ({"search.origin": "[1e300, 0.4]"}, ["search.origin", "too far away"]),
@@ -165,8 +165,7 @@ OPTIONAL = {"room.size", "array.shape", "array.size", "array.random", "array.cen
 
 @pytest.mark.parametrize("key", ["seed", *sorted(set(LEAVES) - OPTIONAL)])
 def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
-    with pytest.raises(InputError, match=rf"{key} is missing; add it"):
-        load_scene(edited({key: None}))
+    refuses(rf"{key} is missing; add it", lambda: load_scene(edited({key: None})))
 
 
 @pytest.mark.parametrize(
@@ -197,16 +196,13 @@ def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
     assert isinstance(scene, MeasuredScene) and scene.title == "Measured: 7 microphones in a laboratory"
     assert "CC BY 4.0" in scene.remark and "nominal" in scene.remark
     path.write_text('measurement = "hall.npz"')
-    with pytest.raises(StorageError, match=r"hall\.npz"):
-        load_scene(path)
+    refuses(r"hall\.npz", load_scene, path)
     shutil.copy(scene.file, tmp_path / "hall.npz")
     assert load_scene(path).file == str(tmp_path / "hall.npz") and load_scene(path).title == "mine"
     path.write_text('measurement = "hall.npz"\nseed = 1\n')
-    with pytest.raises(InputError, match="seed has no meaning in a scene that is a measurement"):
-        load_scene(path)
+    refuses("seed has no meaning in a scene that is a measurement", load_scene, path)
     path.write_text('measurement = "hall.npz"\nremark = 1\n')
-    with pytest.raises(InputError, match="remark = 1 must be a text"):
-        load_scene(path)
+    refuses("remark = 1 must be a text", load_scene, path)
 
 
 @pytest.mark.parametrize("room", ['room = "listening_lab"', '[room]\nresponse = "listening_lab"'])
@@ -221,8 +217,7 @@ def test_a_measured_room_has_neither_walls_nor_a_source(written_room, room):
 def test_the_file_of_a_measured_room_is_beside_the_scene(written_room, tmp_path):
     scene = load_scene(written_room('room = "hall.mat"'))
     assert scene.room.response == str(tmp_path / "hall.mat")
-    with pytest.raises(StorageError, match="hall"):
-        measure(scene)
+    refuses("hall", measure, scene)
     (tmp_path / "other").mkdir()
     shutil.copy(response_path("listening_lab"), tmp_path / "other" / "hall.mat")
     assert load_scene(written_room('room = "other/hall.mat"')).room.response == str(tmp_path / "other/hall.mat")

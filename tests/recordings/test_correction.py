@@ -6,7 +6,7 @@ import xml.etree.ElementTree as tree
 import numpy as np
 import pytest
 import soundfile
-from running import exit_code
+from running import exit_code, refuses
 
 import fdcal
 from fdcal.assessment.calibration import ChannelFault, Channels
@@ -124,8 +124,7 @@ def test_other_channels_and_results_without_gains_are_refused(sound, result, tmp
         corrections.correction_of(dataclasses.replace(result, channels=None), recording)
     assert "robust" in refused.value.remedy
     correction = corrections.correction_of(result, dataclasses.replace(recording, names=NAMES))
-    with pytest.raises(fdcal.InputError):
-        corrections.write_corrected(tmp_path / "out.mp3", recording, correction)
+    refuses("", corrections.write_corrected, tmp_path / "out.mp3", recording, correction)
     assert not list(tmp_path.iterdir())
 
 

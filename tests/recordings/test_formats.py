@@ -17,7 +17,7 @@ import pytest
 import sofar
 import soundfile
 from recorded import too_large
-from running import exit_code
+from running import exit_code, refuses
 from scipy.io import savemat
 from sofar.io import _write_sofa
 
@@ -230,8 +230,7 @@ def damaged_sofa(path: Path, change) -> Path:
     ],
 )
 def test_a_damaged_sofa_field_is_named(change, words, tmp_path):
-    with pytest.raises(InputError, match=words):
-        formats.read(damaged_sofa(tmp_path / "a.sofa", change))
+    refuses(words, lambda: formats.read(damaged_sofa(tmp_path / "a.sofa", change)))
 
 
 def refusal(path: Path) -> str:
@@ -305,7 +304,7 @@ def too_long(path: Path) -> None:
         ("mesh", in_mesh("pos_mic.npy", lambda path: np.save(path, PLACES[:, :2])), "pos_mic.npy has shape (5, 2)"),
         ("a.wav", of_channel(2, 0.0), "channel 2 is silent"),
         ("a.wav", of_channel(3, np.clip(5 * SAMPLES[3], -0.9, 0.9)), "channel 3 is clipped"),
-        ("a.wav", of_channel(4, SAMPLES[1]), "channel 4 (the first is the same as channel 1) is copied"),
+        ("a.wav", of_channel(4, SAMPLES[1]), "channel 4 is a copy of 1"),
         ("a.wav", of_channel(1, np.where(np.arange(T) == 17, np.nan, SAMPLES[1])),
          'sample 17 of channel "1" is not a finite'),
     ],
@@ -371,8 +370,7 @@ def test_arrays_as_people_write_them_are_read(name, write, without_rate, tmp_pat
     assert np.allclose(read_samples(recording, 0, T), SAMPLES, atol=1e-6)
     assert recording.positions is None or np.allclose(recording.positions, PLACES)
     if not without_rate:
-        with pytest.raises(InputError, match=r"a sampling rate of 8000 Hz itself; leave out rate"):
-            formats.read(tmp_path / name, rate=9000.0)
+        refuses(r"a sampling rate of 8000 Hz itself; leave out rate", formats.read, tmp_path / name, rate=9000.0)
 
 
 def changed(name: str, *changes: tuple[bytes, int, bytes]):
@@ -491,9 +489,9 @@ def test_a_long_recording_is_read_in_blocks(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (os.abort, "crashed, SIGABRT; it is damaged"),
-        (signal.pause, "it takes more than 1 s; it is too large, or damaged"),
-        (too_large, "it takes more than 4 GB of memory; it is too large, or damaged"),
+        (os.abort, "crashed, SIGABRT; it is damaged or too large"),
+        (signal.pause, "it takes more than 1 s; it is damaged or too large"),
+        (too_large, "it takes more than 4 GB of memory; it is damaged"),
     ],
 )
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch, apart):
@@ -613,8 +611,7 @@ def test_the_emitter_asked_for_is_read_and_each_is_a_take_when_all_are(conventio
         assert (recording.count, recording.samples) == (N, T)
         assert np.allclose(read_samples(recording, 7, 50, [3, 1]), (source + 1) * SAMPLES[[3, 1], 7:50])
         assert np.allclose(read_samples(take, 0, T), SAMPLES * (source + 1))
-    with pytest.raises(InputError, match="sources 0 to 2"):
-        formats.read(path, 3)
+    refuses("sources 0 to 2", formats.read, path, 3)
     single = written(tmp_path / "b.sofa", "GeneralFIR")
     assert len(read_takes([single], ImportOptions(source="all"))) == 1
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sofar
 from recorded import write_places
-from running import exit_code
+from running import exit_code, refuses
 
 import fdcal
 from fdcal.recordings.formats.positions import read_places, read_positions
@@ -35,8 +35,7 @@ def test_a_geometry_of_acoular_is_read(tmp_path):
     read = read_positions(written(tmp_path, ACOULAR))
     assert read.names == ("Point 1", "Point 2")
     np.testing.assert_array_equal(read.positions, [[0.152, 0.1, 0.0], [-0.1, -0.2, 0.05]])
-    with pytest.raises(fdcal.InputError, match="suffix"):
-        read_positions(written(tmp_path, ACOULAR, "g.doc"))
+    refuses("suffix", lambda: read_positions(written(tmp_path, ACOULAR, "g.doc")))
 
 
 @pytest.mark.parametrize("names", [("", ""), ("Point 1", "Point 1")])
@@ -136,8 +135,7 @@ def test_arrays_and_sheets_are_read(tmp_path):
     np.testing.assert_array_equal(found, PLACES)
     with zipfile.ZipFile(tmp_path / "t.xlsx", "a") as file:
         file.writestr("xl/worksheets/sheet3.xml", f"<worksheet {main}><sheetData>{rows}</sheetData></worksheet>")
-    with pytest.raises(fdcal.InputError, match="2 sheets with cells; keep the one"):
-        read_places(tmp_path / "t.xlsx")
+    refuses("2 sheets with cells; keep the one", read_places, tmp_path / "t.xlsx")
 
 
 def _cell(where: str, text: str) -> str:

@@ -6,6 +6,7 @@ import types
 import numpy as np
 import pytest
 import soundfile
+from running import refuses
 
 from fdcal.model import libraries
 from fdcal.model.validation import InputError
@@ -103,8 +104,7 @@ def test_a_take_that_is_stopped_or_whose_card_fails_keeps_what_was_recorded(card
 def test_a_card_that_is_connected_later_is_found(card):
     module = card(noise())
     module.connected = False
-    with pytest.raises(InputError, match="there is no sound card with inputs"):
-        take.sound_card()
+    refuses("there is no sound card with inputs", take.sound_card)
     module.connected = True
     assert take.sound_card().name == "simulated"
 
@@ -119,11 +119,9 @@ def test_nothing_is_written_where_nothing_was_recorded(card, tmp_path):
 def test_a_take_keeps_an_existing_file_and_what_a_wav_file_cannot_hold_is_refused_first(card, tmp_path):
     card(noise())
     (tmp_path / "take.wav").write_text("mine")
-    with pytest.raises(InputError, match="exists"):
-        take.record_take(take.sound_card(), tmp_path / "take.wav", 1)
+    refuses("exists", lambda: take.record_take(take.sound_card(), tmp_path / "take.wav", 1))
     assert (tmp_path / "take.wav").read_text() == "mine"
-    with pytest.raises(InputError, match=r"write long.w64"):
-        take.record_take(take.sound_card(), tmp_path / "long.wav", 200_000)
+    refuses(r"write long.w64", lambda: take.record_take(take.sound_card(), tmp_path / "long.wav", 200_000))
 
 
 @pytest.mark.parametrize(
@@ -150,8 +148,7 @@ def test_a_missing_library_and_a_missing_portaudio_say_how_to_go_on(monkeypatch)
         raise OSError("PortAudio library not found")
 
     monkeypatch.setattr(libraries.importlib, "import_module", no_portaudio)
-    with pytest.raises(InputError, match=r"PortAudio library not found.*libportaudio2.*replay a recording"):
-        take.sound_card()
+    refuses(r"PortAudio library not found.*libportaudio2.*replay a recording", take.sound_card)
     assert missing.value.worded({"replay": "--replay FILE"}).endswith("or replay a recording: --replay FILE")
 
 

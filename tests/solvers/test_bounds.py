@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import waves
+from running import refuses
 
 from fdcal import solvers
 from fdcal.acoustics.compiled import OutOfTime, check_deadline, deadline
@@ -46,8 +47,7 @@ def inputs_of(measurement: Measurement, **others) -> CalibrationInput:
     ],
 )
 def test_numbers_that_no_measurement_has_are_refused(values, words):
-    with pytest.raises(InputError, match=words):
-        diffuse(**values)
+    refuses(words, diffuse, **values)
 
 
 @pytest.mark.parametrize("solver", ["joint", "robust"])

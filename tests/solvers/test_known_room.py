@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured
-from running import exit_code
+from running import exit_code, refuses
 
 from fdcal.acoustics.room_modes import room_symmetries
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import SolverSettings
-from fdcal.model.validation import InputError
 from fdcal.session.sources import CalibrationInput, with_settings
 from fdcal.solvers import room
 
@@ -98,8 +97,7 @@ def test_a_room_size_wrong_by_one_percent_is_not_good_without_reported_noise(cal
 def test_modes_chosen_by_the_user_must_be_enough():
     problem = measurement().problem()
     state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
-    with pytest.raises(InputError, match="too few for a known room"):
-        room.use_modes(problem, state, 4, 5, False)
+    refuses("too few for a known room", room.use_modes, problem, state, 4, 5, False)
     assert room.use_modes(problem, state, 1, 12, False).last == 12
 
 
@@ -128,5 +126,4 @@ def test_a_bad_room_is_refused_in_one_line(calibrate, options, words):
 
 def test_a_scene_that_is_no_rectangle_is_refused():
     inputs = CalibrationInput("lshape", load_scene("lshape"), measurement(), load_scene("lshape").solver, 0)
-    with pytest.raises(InputError, match="is not a rectangle"):
-        with_settings(inputs, solver="room", room=(6.0, 5.0))
+    refuses("is not a rectangle", with_settings, inputs, solver="room", room=(6.0, 5.0))

@@ -14,8 +14,7 @@ from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.commands.report import summary
 from fdcal.model.measurement import Measurement
-from fdcal.model.room import Room
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import Room, load_scene
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input

@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 from fdcal.model.address import parse_address
-from fdcal.model.room import folder_of
+from fdcal.model.scene import folder_of
 from fdcal.session.lesson import load_lesson
 from fdcal.viewer import address
 from fdcal.viewer.address import address_of, camera_of

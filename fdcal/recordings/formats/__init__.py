@@ -88,20 +88,17 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
             raise InputError(problem, f"give {', '.join(suffixes('read'))} or a folder")
         if source and found.source_count is None:
             remedy = f"{path} holds one source only, number 0"
-            raise InputError(f"source = {source} does not exist", remedy, key="source", value=source)
+            raise InputError(f"source = {source} does not exist", remedy, key="source")
         if path.is_file():
             with open(path, "rb"):  # reports a missing permission, for which libraries raise various exceptions
                 pass
         recording = found.read(path, source, rate)
         if rate is not None and recording.sample_rate != rate:
             problem = f"{path} has a sampling rate of {recording.sample_rate:g} Hz itself"
-            raise InputError(problem, "leave out <rate>", key="rate", value=rate)
+            raise InputError(problem, "leave out <rate>", key="rate")
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
-            raise InputError(
-                f"the header of {path} states {recording.count} channels of {recording.samples} samples, but the file"
-                f" has {path.stat().st_size} bytes: it is damaged or empty",
-                "copy or write it again",
-            )
+            problem = f"the header of {path} states {recording.count} channels of {recording.samples} samples"
+            raise InputError(f"{problem}, and it has {path.stat().st_size} bytes", "it is damaged: copy it again")
         return recording
     except StorageError:
         raise
@@ -113,8 +110,7 @@ def wanted_source(path: Path, source: int | None, count: int) -> int:
     """Return the number of the source that is wanted, 0 for None; InputError if the file does not have it."""
     source = source or 0
     if not 0 <= source < count:
-        problem = f"source = {source} does not exist"
-        raise InputError(problem, f"{path} has sources 0 to {count - 1}", key="source", value=source)
+        raise InputError(f"source = {source} does not exist", f"{path} has sources 0 to {count - 1}", key="source")
     return source
 
 
@@ -127,7 +123,7 @@ def source_count(path: str | Path) -> int:
 
 def write(path: str | Path, placed: MicrophonePositions) -> None:
     """Write positions in the format that the suffix of the file selects."""
-    suffix = require_suffix(path, suffixes("write"), "a format for positions")
+    suffix = Path(path).suffix.lower()
     next(one.write for one in all_formats() if one.write and suffix in one.suffixes)(Path(path), placed)
 
 
@@ -136,7 +132,7 @@ def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
     suffix = Path(path).suffix.lower()
     if suffix not in allowed:
         remedy = f"use one of {', '.join(allowed)}"
-        raise InputError(f'"{path}" does not have the suffix of {what}', remedy, key="output", value=str(path))
+        raise InputError(f'"{path}" does not have the suffix of {what}', remedy, key="output")
     return suffix
 
 

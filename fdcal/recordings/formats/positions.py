@@ -29,7 +29,7 @@ from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged, read_bytes, require_regular
 from ...model.validation import InputError, StorageError, require_point, shown
 from . import Format
-from .sofa import placed_receivers
+from .sofa import from_spherical, placed_receivers
 
 MAX_BYTES = 10_000_000  # of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
@@ -79,7 +79,7 @@ def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
     suffix = path.suffix.lower()
     if suffix not in READERS:
         problem = f'"{path}" ends in no suffix of a file of positions'
-        raise InputError(problem, f"give <positions> as {', '.join(sorted(READERS))}", key="positions", value=str(path))
+        raise InputError(problem, f"give <positions> as {', '.join(sorted(READERS))}", key="positions")
     if suffix == ".sofa":
         if not path.exists():
             raise StorageError(f"cannot read {path}: No such file or directory")
@@ -97,9 +97,9 @@ def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
     return names, positions
 
 
-def _question(problem: str, remedy: str, value: object = None) -> InputError:
+def _question(problem: str, remedy: str) -> InputError:
     """Return the error for positions that are damaged or ambiguous."""
-    return InputError(problem, remedy, key="positions", value=value)
+    return InputError(problem, remedy, key="positions")
 
 
 def is_number(cell: str) -> bool:
@@ -216,13 +216,11 @@ def _read_object(content: bytes) -> Placed:
         names = ", ".join(shown(one[0]) for one in found[:5])
         remedy = 'write [{"name": "0", "x": 0.1, "y": 0, "z": 0}, ...], metres'
         raise _question(f"it holds {which}{names and ': ' + names}", remedy)
-    _, value, parent = found[0]
+    _, entries, parent = found[0]
     unit = UNITS.get(str(parent.get("unit", parent.get("units", ""))).lower())
-    names, entries = parent.get("names", parent.get("labels")), value
-    if isinstance(value, dict) and is_header(list(value)):
-        entries = [dict(zip(value, one, strict=True)) for one in zip(*value.values(), strict=True)]
-    elif isinstance(value, dict):
-        names, entries = list(value), list(value.values())
+    names = parent.get("names", parent.get("labels"))
+    if isinstance(entries, dict):
+        names, entries = list(entries), list(entries.values())
     names = names if isinstance(names, list) and len(names) == len(entries) else []
     if not names and isinstance(entries[0], list) and len(entries) <= 3:  # may be x, y, z
         return _of_array(entries, unit)
@@ -238,19 +236,19 @@ def _read_object(content: bytes) -> Placed:
 
 def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
     """Yield the lists in a JSON value that may be the positions: key, value, and the object that contains it."""
-    if isinstance(value, dict) and is_header(list(value)):  # columns of pandas are objects by index
-        value = {name: list(one.values()) if isinstance(one, dict) else one for name, one in value.items()}
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-    columns = is_header(list(value)) if isinstance(value, dict) else len(inner) in (2, 3)  # or x, y, z as lists
-    if inner and (all(map(_is_place, inner)) or (columns and all(isinstance(one, list) and one for one in inner))):
+    columns = [list(one.values()) if isinstance(one, dict) else one for one in inner]  # pandas writes objects by index
+    of_columns = bool(columns) and all(isinstance(one, list) and one for one in columns)
+    if isinstance(value, dict) and of_columns and is_header(list(value)):
+        yield key, [dict(zip(value, row, strict=True)) for row in zip(*columns, strict=True)], parent
+    elif inner and (all(map(_is_place, inner)) or (isinstance(value, list) and len(inner) in (2, 3) and of_columns)):
         yield key, value, parent
     elif isinstance(value, dict):
         for name, one in value.items():
             yield from _lists_of_places(name, one, value)
     else:
-        for one in inner:
-            if isinstance(one, dict):
-                yield from _lists_of_places(key, one, parent)
+        for one in filter(lambda one: isinstance(one, dict), inner):
+            yield from _lists_of_places(key, one, parent)
 
 
 def _is_place(value: Any, inside: bool = True) -> bool:
@@ -362,7 +360,7 @@ def _of_rows(
         row += [""] * (len(head) - len(row))
         for axis, cell in ((head[c], row[c]) for c in columns):
             if not is_number(cell):
-                raise _question(f'{where} {number}: {axis} = "{shown(cell)}" is not a number', "give a number", cell)
+                raise _question(f'{where} {number}: {axis} = "{shown(cell)}" is not a number', "give a number")
     cells = list(zip(*(row[: len(head)] for row in rows.values()), strict=True))  # of each column
     written = "".join(cell for c in columns for cell in cells[c])
     if "," in written and "." in written:
@@ -401,8 +399,7 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
     for column in left:
         if column not in naming and any(map(is_number, cells[column])) and not _counts(list(cells[column])):
             problem = f'the column "{shown(head[column])}" of numbers is not understood'
-            remedy = "call a third coordinate z, the names name, or remove the column"
-            raise _question(problem, remedy, head[column])
+            raise _question(problem, "call a third coordinate z, the names name, or remove the column")
     names = list(cells[naming[0]]) if naming else []
     if len(set(names)) == len(names) > 0 and (unique or "" not in names):
         return names
@@ -420,9 +417,7 @@ def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
             problem = f'the angles "{head[0]}" and "{head[1]}" may be degrees or radians'
             raise _question(problem, f'write "{head[0]} (deg)" or "{head[0]} (rad)"')
         angles = np.radians(angles)
-    azimuth, elevation = angles[:, 0], np.pi / 2 - angles[:, 1] if polar else angles[:, 1]
-    across = radius * np.cos(elevation)
-    return np.column_stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)])
+    return from_spherical(angles[:, 0], np.pi / 2 - angles[:, 1] if polar else angles[:, 1], radius)
 
 
 def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:

@@ -70,6 +70,11 @@ def cartesian(file, path: Path, name: str, count: int | None = None) -> np.ndarr
     azimuth, elevation, radius = np.moveaxis(values, 1, 0)
     if "rad" not in units:
         azimuth, elevation = np.radians(azimuth), np.radians(elevation)
+    return from_spherical(azimuth, elevation, radius)
+
+
+def from_spherical(azimuth: np.ndarray, elevation: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return x, y, z along axis 1 of angles, radians, and radii."""
     across = radius * np.cos(elevation)
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 

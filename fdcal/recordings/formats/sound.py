@@ -10,6 +10,7 @@ import logging
 import os
 import re
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # of RF64
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
 READ_ON = "the length in its header is not that of the file, which is read to its end"
 LONGEST = 2**36 - 1  # samples of a FLAC file
+_name: Callable[[Path], Any] = os.fsencode  # a path as bytes, which libsndfile opens in any encoding
 # Formats by their first bytes: number of bytes before the first chunk, and type of a chunk's length, which follows its
 # name of four bytes.
 CHUNKS = {b"RIFF": (12, "<I"), b"RF64": (12, "<I"), b"BW64": (12, "<I"), b"RIFX": (12, ">I"), b"caff": (8, ">q")}
@@ -111,11 +113,6 @@ def _opened(path: Path, changes: dict[int, bytes]):
     import soundfile
 
     return soundfile.SoundFile(Patched(path, changes) if changes else _name(path))
-
-
-def _name(path: Path) -> Any:
-    """Return the path as bytes, which libsndfile opens in any encoding; its type stubs allow only str."""
-    return os.fsencode(path)
 
 
 def _read_sound(path: Path, source: int | None = None, rate: float | None = None) -> Recording:

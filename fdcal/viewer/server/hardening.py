@@ -264,7 +264,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     the port is in use.
     """
     if not 0 <= port <= 65535:
-        raise InputError(f"port = {port} is out of range", FREE_PORT, key="port", value=port)
+        raise InputError(f"port = {port} is out of range", FREE_PORT, key="port")
     try:  # an address that cannot be bound is refused here: viser would wait indefinitely
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -272,11 +272,11 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
             probe.bind(address)
     except (OSError, UnicodeError, OverflowError) as error:
         if getattr(error, "errno", None) == errno.EADDRINUSE:
-            raise InputError(f"port = {port} is in use", FREE_PORT, key="port", value=port) from None
+            raise InputError(f"port = {port} is in use", FREE_PORT, key="port") from None
         reason = getattr(error, "strerror", None) or error
         problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
         remedy = "use 127.0.0.1 for this machine alone, and a <port> from 1024 on"
-        raise InputError(problem, remedy, key="host", value=host) from error
+        raise InputError(problem, remedy, key="host") from error
     module: Any = websockets.asyncio.server
     origins = allowed_origins(host)
     serve = module.serve
@@ -300,7 +300,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     _drop_bad_updates(server)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)
-        raise InputError(f"port = {port} is in use", FREE_PORT, key="port", value=port)
+        raise InputError(f"port = {port} is in use", FREE_PORT, key="port")
     return server
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import viser
 
 from ...graphics.marks import MARKS as DRAWN
-from ...model.room import MEASURED_AND_MODELLED
+from ...model.scene import MEASURED_AND_MODELLED
 from ..html import CARD, Overlay, legend
 
 KEYS = {  # by the name of the key: what it does, and the command of a control or of the page

@@ -309,11 +309,11 @@ class LessonsTab:
         lesson = next((one for one in self._lessons.values() if name in (one.name, one.title)), None)
         if lesson is None:
             remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
-            raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson", value=name)
+            raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson")
         at = self._left_at.get(lesson.title, 0) if number is None else number - 1
         if not 0 <= at < len(lesson.steps):
             problem = f'there is no step {number} of the lesson "{shown(name)}"'
-            raise InputError(problem, f"use 1 to {len(lesson.steps)}", key="step", value=number)
+            raise InputError(problem, f"use 1 to {len(lesson.steps)}", key="step")
         if number is not None and (self.progress.lesson, self.progress.number) == (lesson, at):
             then()
             return

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import viser
 
-from ...model.room import MEASURED_AND_MODELLED, WALLS
-from ...model.scene import MeasuredScene, Scene, load_scene, scene_names
+from ...model.scene import MEASURED_AND_MODELLED, WALLS, MeasuredScene, Scene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
 from ...session.sources import OpenRequest
