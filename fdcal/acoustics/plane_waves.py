@@ -150,7 +150,6 @@ def modal_pressures(
 
     The wavenumbers are real: the response has decayed, so no exponential window is needed.
     """
-    require_rendered(response, sensing)
     rows = plane_wave_responses(response, positions, sound_speed)
     padded = fast_length(POINTS * rows.shape[1])
     step = response.sample_rate / padded

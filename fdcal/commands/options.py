@@ -1,4 +1,4 @@
-"""The options that commands share: their values, and the files that they name.
+"""The options that several commands have: their values, and the files that they name.
 
 A `ValueOf` is the type of an option: click names the option before its message. The message for a wrong value has an
 example of a right one.

@@ -220,7 +220,8 @@ class SolverSettings:
     room : tuple of float or None
         Size of the rectangular room of solver "room", metres; that of the scene unless given.
     gains : str
-        Of "robust": "auto" seeks gain and phase of every channel and estimates their spread; "fixed" holds them.
+        Of "robust": "auto" seeks gain and phase of every channel and estimates their standard deviations; with "fixed"
+        they do not change.
     gain_sigma_db, phase_sigma_deg : float or None
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None

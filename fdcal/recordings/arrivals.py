@@ -1,7 +1,7 @@
 """When the direct sound of an impulse response arrives at each microphone, relative to the others.
 
-    first     peak of the response that stands out first; a few neighbouring microphones hear it within the time that
-              sound takes across the array
+    first     the first high peak of the response. It reaches all microphones within the time that sound takes across
+              the array
     template  what all microphones have in common within a short window about that peak: the leading singular vector of
               the aligned windows. It includes the effects of an extended source, of the channels' filters and of the
               band of the recording, so that no shape is assumed

@@ -158,11 +158,11 @@ class TakeRules:
     """Thresholds by which takes count as copies of each other, or as takes with another channel order."""
 
     rate: float = 2000.0  # Hz, of the neighbouring samples of one channel, averaged, by which takes are aligned
-    # correlation of this channel, from which both are compared at every frequency: 0.36 to 1 of copies
+    # correlation of this channel from which the takes are compared at every frequency; copies have 0.36 to 1
     similar: float = 0.25
     stretch: int = 2**15  # number of samples that are compared
     level: float = 1e-4  # least power of a frequency that is compared, relative to the strongest
-    # fraction of the power of a frequency that is not common to both: at most 1e-7 of copies, 0.7 of other takes
+    # fraction of the power of a frequency that is not common to both: at most 1e-7 in copies, about 0.7 in other takes
     different: float = 1e-4
     # low, high, segment: the coherence of channels is computed in this band, Hz, where most arrays are coherent, from
     # segments of this length, s

@@ -86,7 +86,7 @@ class SegmentSettings:
     max_duration: float = 8.0
     max_samples: int = 20_000_000  # of all channels in one segment
     max_matrix: int = 10_000_000  # numbers in all cross-spectral matrices together
-    max_count: int = 600  # segments read from a long recording, evenly spread
+    max_count: int = 600  # segments read from a long recording, at even distances
     # independent segments per segment: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 

@@ -127,7 +127,7 @@ class Correction:
 def correction_of(result: Calibration, recording: Recording) -> Correction:
     """Return the correction of a recording by the calibration of one with the same channels.
 
-    Channels are matched by name; those at each other's places, by given positions or by a list, are exchanged.
+    Channels are matched by name. Channels that known positions or a list show to be exchanged change places.
     InputError where no name is in both, or the calibration sought no gains.
     """
     channels = result.channels
@@ -156,7 +156,7 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
         elif fault.kind == "dead":
             gain[n] = 1.0
         elif fault.kind == "exchanged" and partner is not None and partners.get(fault.partner or "") == fault.name:
-            source[n] = partner  # both say so: else no channel is left for the partner
+            source[n] = partner  # each fault names the other channel; otherwise one channel would be used twice
     own, places = source.copy(), [row.get(name) for name in result.order or ()]
     for n, place in zip(rows, places, strict=False):
         if n is not None and place is not None:

@@ -48,7 +48,8 @@ ROWS = RowLimits()
 def default_max_rows(microphones: int, takes: int = 1) -> int:
     """Return the default for the greatest number of rows of each take.
 
-    Only computing time limits it. Takes share it, since rows of another take carry more information than closer rows.
+    Only computing time limits it. It is divided by the number of takes, since rows of another take carry more
+    information than rows that are closer in frequency.
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
     every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)

@@ -16,9 +16,9 @@ at no frequency louder than the end of the recording.
 Where the signal S that the source emitted is given, `deconvolve` divides the recording X by it. X / S, regularised
 where S is weak, is the transform of the response, apart from a factor at each frequency that is the same for all
 channels and does no harm. The response starts `lead` seconds late, so that the ringing of the band-limited spectrum,
-which comes before the sound as well as after it, lies inside. 1 / S spreads the noise of the recording over as long a
-time as was recorded, at each frequency another time where S is a sweep. So the noise inside the response is estimated
-from what lies outside of it, and not from its end alone.
+which comes before the sound as well as after it, lies inside. The division distributes the noise of the recording over
+its whole length; where S is a sweep, the noise of each frequency has another time. So the noise inside the response is
+estimated from what lies outside of it, and not from its end alone.
 """
 
 from dataclasses import dataclass, replace

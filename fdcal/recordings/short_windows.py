@@ -1,7 +1,8 @@
 """Short windows of a recording, for the covariance of `fdcal.cost.short_windows`.
 
-The windows of a stationary sound are spread over the whole recording. Those of an impulse response begin SKIP after the
-direct sound and end where the sound falls below the noise. A window in a pause of speech or music is set to zero.
+The windows of a stationary sound lie at even distances in the whole recording. Those of an impulse response begin SKIP
+after the direct sound and end where the sound falls below the noise. A window in a pause of speech or music is set to
+zero.
 """
 
 import numpy as np

@@ -218,10 +218,7 @@ def damaged_sofa(path: Path, change) -> Path:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            lambda f: f.variables["ReceiverPosition"].setncattr("Units", "degree, degree, metre"),
-            "cartesian but in degrees",
-        ),
+        (lambda f: f.variables["ReceiverPosition"].setncattr("Units", "degree, degree, metre"), "but in degrees"),
         (lambda f: f.variables["ReceiverPosition"].__setitem__(slice(None), np.nan), "empty or not finite"),
         (lambda f: f.variables["Data.SamplingRate"].__setitem__(slice(None), 0.0), "sampling rate = 0 Hz"),
         (lambda f: f.renameVariable("Data.IR", "Data.XX"), "no impulse responses"),

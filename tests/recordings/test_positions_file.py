@@ -156,10 +156,8 @@ def geometry(old: str, new: str) -> str:
         ("t.xml", geometry(' x="', ' u="'), "no column of"),
         ("t.xml", geometry("</MicArray>", ""), "not valid XML"),
         # what only Python takes for a number
-        *(
-            ("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3")
-            for cell in ("1_0", "٣", "nan", "inf", "1e400", "0x1", "")
-        ),
+        *(("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3") for cell in "1_0 ٣ nan inf 1e400 0x1".split(" ")),
+        ("t.csv", "name,x,y\na,1,2\nb,,3\n", "line 3"),
         ("t.csv", "", "must begin with the line name,x,y"),
         ("t.csv", "name,x,y\na,1\n", "line 2"),
         ("t.csv", "name,x,y\na,1,2\na,3,4\n", "twice"),
@@ -229,21 +227,9 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
     [
         ("none", lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
         ("all", lambda x: 0.95 * x, r"the list is 5.0 % too small, or the air is (28|29) K colder than assumed"),
-        (
-            "none",
-            lambda x: x + 0.25 * (np.arange(len(x)) == 8)[:, None] * [0.6, 0.8],
-            r"8 \(M09\) is 250 mm from its place",
-        ),
-        (
-            "all",
-            lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]],
-            r"channels 3 \(M04\) and 12 \(M13\) are swapped",
-        ),
-        (
-            "none",
-            lambda x: x[sorted(range(16), key=lambda n: str(n + 1))],
-            r"15 of 16 channels .*: its rows are sorted as text .*",
-        ),
+        ("none", lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
+        ("all", lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, 13, 14, 15]], r"channels 3 \(M04\) and 12 .* are swapped"),
+        ("none", lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
     ],
 )
 def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(
@@ -265,15 +251,15 @@ def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_
     assert found.max_error > plain.max_error
 
 
+ROWS = "the list is taken in row order"
+
+
 @pytest.mark.parametrize(
     ("label", "said"),
     [
         ("{}", ""),
-        ("mic{:02d}", "the names differ: the list is taken in row order, mic00 = channel 0"),
-        (
-            "1+{}",
-            "only 15 of 16 names of the list are names of channels: the list is taken in row order, 1 = channel 0",
-        ),
+        ("mic{:02d}", f"the names differ: {ROWS}, mic00 = channel 0"),
+        ("1+{}", f"only 15 of 16 names of the list are names of channels: {ROWS}, 1 = channel 0"),
     ],
 )
 def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_rows(tmp_path, capsys, label, said):
