@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import fdcal
-from fdcal.commands.gallery_pages import MAX_BYTES, OPENING, lesson_html
+from fdcal.commands.gallery_pages import MAX_BYTES, MICROPHONE, RUN_TITLE, SCENE, lesson_html
 from fdcal.cost.eq7 import reference_cost_of
 from fdcal.graphics.replay import replay_html
 from fdcal.model.measurement import load_measurement
@@ -22,13 +22,13 @@ from fdcal.viewer.opening import MEASUREMENT
 
 def fig1() -> str:
     """The paper's Fig. 1, as in the gallery."""
-    scene = load_scene(OPENING.scene)
+    scene = load_scene(SCENE)
     inputs = CalibrationInput(scene.name, scene, load_measurement(MEASUREMENT), scene.solver, scene.seed)
     states = recorded(states_of(inputs))
     problem = problem_of(inputs)
     return replay_html(
-        scene, inputs.measurement, states, OPENING.title, reference_cost_of(problem), problem=problem,
-        microphone=OPENING.microphone, max_bytes=MAX_BYTES,
+        scene, inputs.measurement, states, RUN_TITLE, reference_cost_of(problem), problem=problem,
+        microphone=MICROPHONE, max_bytes=MAX_BYTES,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What a gallery shows: runs of scenes that come with fdcal, and lessons, as pages of files.
+"""What a gallery shows: the paper's Fig. 1 and the lessons, as pages of files.
 
 The page of a lesson has text, question and reveal beside the run that each step shows. It holds a run for each scene of
 the lesson. Each part of a step, before and after its answer, shows some states of one run (`replay_page/lesson.js`).
@@ -7,7 +7,7 @@ the lesson. Each part of a step, before and after its answer, shows some states 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..graphics.marks import MARKS
 from ..graphics.overlays import ellipse_scale
 from ..graphics.picture import focus_of
 from ..graphics.replay import index_html, page_html, picture_of, replay_html, run_data
-from ..model.address import SOLVER, parse_address
+from ..model.address import SOLVER
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
@@ -43,44 +43,13 @@ INTRODUCTION = (
 )
 
 
-@dataclass(frozen=True)
-class Show:
-    """One run to be shown."""
-
-    name: str  # of the file
-    scene: str  # that comes with fdcal
-    solver: str  # its name
-    microphone: int  # whose map is shown first, counted from 0
-    address: str  # what the index links to, after #
-    # title, text: in the index
-    title: str
-    text: str
-
-
-OPENING = Show(
-    "fig1", "fig1_square", "descent", 16, "step=0&microphone=16&modes=92&view=top", "Fig. 1: many minima",
+# The run that plays above the index: the paper's Fig. 1, with the map of one microphone at one mode.
+SCENE, MICROPHONE, MODE = "fig1_square", 16, 92
+RUN_TITLE = "Fig. 1: many minima"
+RUN_TEXT = (
     "One frequency leaves eight places for microphone 16. Add others with the slider Modes: one place is left. Drag the"
-    " microphone, and let it go.",
-)  # fmt: skip
-SHOWS = (
-    OPENING,
-    Show(
-        "array1", "array1_circle", "robust", 9, "step=0&microphone=9&modes=1-10&view=top", "Array 1: a circle",
-        "The paper's first array: 65 microphones, of which three are known. Add modes, and the minima merge into one.",
-    ),
-    Show(
-        "array2", "array2_random", "robust", 20, "step=0&microphone=20&view=top", "Array 2: a square",
-        "The paper's second array: 6 x 6 microphones and 29 random ones, found from three known ones.",
-    ),
-    Show(
-        "ball3d", "ball3d", "robust", 9, "step=0&microphone=9&view=3d", "A ball in three dimensions",
-        "Microphones in space; the map is the layer at the height of one of them. Drag to rotate.",
-    ),
-    Show(
-        "faults", "array2_faults", "robust", 20, "step=0&microphone=20&view=top", "A bad channel",
-        "Gains differ by 1 dB and 5 degrees, one channel is inverted and one is dead: the solver finds both.",
-    ),
-)  # fmt: skip
+    " microphone, and let it go."
+)
 # Lessons in the index, and their descriptions.
 LESSONS = {
     "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
@@ -97,7 +66,7 @@ Progress = Callable[..., None]
 
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last; `progress` gets the fraction done and a note."""
-    entries, count = list[tuple[str, ...]](), len(LESSONS) + len(SHOWS)
+    entries, count = list[tuple[str, ...]](), len(LESSONS) + 1
     files = [f"lesson-{number}.html" for number, _ in enumerate(LESSONS, 1)]
     for i, (name, text) in enumerate(LESSONS.items()):
         progress(i / count, name)
@@ -106,25 +75,22 @@ def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
         figures = f"lesson, {len(lesson.steps)} steps, {len(page) / 1e6:.2f} MB"
         entries.append((files[i], f"Lesson {lesson.title}", text, figures, picture))
         yield files[i], page
-    for i, show in enumerate(SHOWS, len(LESSONS)):
-        progress(i / count, show.scene)
-        inputs = with_settings(scene_of(show.scene), show.solver, None, None)
-        states, problem, measurement = recorded(states_of(inputs)), problem_of(inputs), inputs.measurement
-        sought = counted_microphones(inputs, states[-1])
-        page = replay_html(
-            inputs.scene, measurement, states, show.title, reference_cost_of(problem), sought, problem=problem,
-            microphone=show.microphone, max_bytes=MAX_BYTES, opens_at=show.address,
-        )  # fmt: skip
-        chosen = parse_address(show.address).get("modes")
-        modes = None if chosen is None else parse_modes(chosen, len(problem.frequencies))
-        picture = picture_of(measurement, problem, states[-1], show.microphone, modes, sought)
-        errors = measurement.errors(states[-1].positions)
-        away = state_error_words(measurement, None if errors is None else errors[sought])
-        figures = f"{show.solver}, {away}, {len(page) / 1e6:.2f} MB"
-        entries.append((f"{show.name}.html#{show.address}", show.title, show.text, figures, picture))
-        yield f"{show.name}.html", page
-    opening = f"{OPENING.name}.html#{OPENING.address}&opening=on&embed=on"
-    yield "index.html", index_html(TITLE, INTRODUCTION, entries, opening)
+    progress(len(LESSONS) / count, SCENE)
+    address = f"step=0&microphone={MICROPHONE}&modes={MODE}&view=top"
+    inputs = with_settings(scene_of(SCENE), "descent", None, None)
+    states, problem, measurement = recorded(states_of(inputs)), problem_of(inputs), inputs.measurement
+    sought = counted_microphones(inputs, states[-1])
+    page = replay_html(
+        inputs.scene, measurement, states, RUN_TITLE, reference_cost_of(problem), sought, problem=problem,
+        microphone=MICROPHONE, max_bytes=MAX_BYTES, opens_at=address,
+    )  # fmt: skip
+    picture = picture_of(measurement, problem, states[-1], MICROPHONE, (MODE,), sought)
+    errors = measurement.errors(states[-1].positions)
+    away = state_error_words(measurement, None if errors is None else errors[sought])
+    figures = f"descent, {away}, {len(page) / 1e6:.2f} MB"
+    entries.append((f"fig1.html#{address}", RUN_TITLE, RUN_TEXT, figures, picture))
+    yield "fig1.html", page
+    yield "index.html", index_html(TITLE, INTRODUCTION, entries, f"fig1.html#{address}&opening=on&embed=on")
     progress(1.0, "written")
 
 

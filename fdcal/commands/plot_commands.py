@@ -196,8 +196,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
 def gallery(output: str, force: bool):
     """Write a static site of replays with an index page, which any web server can host and any browser opens.
 
-    It plays the paper's Fig. 1, and holds the lessons, the paper's arrays 1 and 2, an array in three dimensions and a
-    bad channel. It needs no network.
+    It plays the paper's Fig. 1, and holds the lessons. It needs no network.
     """
     with folder_in_progress(output, force) as folder:
         from .gallery_pages import gallery_pages
