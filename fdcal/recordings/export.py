@@ -112,17 +112,6 @@ class Correction:
     dead: tuple[str, ...]  # channels that hold no sound: written as they are
     unknown: tuple[str, ...]  # channels that the calibration does not know: written as they are
 
-    def filters(self, rate: float) -> np.ndarray:
-        """Return the impulse responses (N, L) float64 at a sampling rate, Hz; zero time is in the middle."""
-        half = int(np.ceil(rate / RESOLUTION / 2))
-        f = np.fft.rfftfreq(4 * half, 1 / rate)
-        f_held = np.maximum(f, np.abs(self.corner[:, None]) / MAX_AMPLIFICATION)
-        f_held[:, 0] = np.maximum(f_held[:, 0], f[1])
-        cut = (1 - 1j * np.abs(self.corner[:, None]) / f_held) ** np.sign(self.corner[:, None])
-        inverse = cut * np.exp(2j * np.pi * f * self.delay[:, None]) / self.gain[:, None]
-        response = np.roll(np.fft.irfft(inverse, axis=1), half, axis=1)[:, : 2 * half + 1]
-        return response * np.hanning(2 * half + 3)[1:-1]
-
 
 def correction_of(result: Calibration, recording: Recording) -> Correction:
     """Return the correction of a recording by the calibration of one with the same channels.
@@ -170,8 +159,14 @@ def corrected_blocks(recording: Recording, correction: Correction) -> Iterator[n
     """Yield the corrected samples of all channels in blocks (N, t) float64; the length of the recording is kept."""
     from scipy.signal import fftconvolve  # a library that the export of positions does not need
 
-    filters = correction.filters(recording.sample_rate)
-    reach = filters.shape[1] // 2
+    reach = int(np.ceil(recording.sample_rate / RESOLUTION / 2))  # half the length of an impulse response
+    f, corner = np.fft.rfftfreq(4 * reach, 1 / recording.sample_rate), correction.corner[:, None]
+    f_held = np.maximum(f, np.abs(corner) / MAX_AMPLIFICATION)
+    f_held[:, 0] = np.maximum(f_held[:, 0], f[1])
+    cut = (1 - 1j * np.abs(corner) / f_held) ** np.sign(corner)
+    inverse = cut * np.exp(2j * np.pi * f * correction.delay[:, None]) / correction.gain[:, None]
+    filters = np.roll(np.fft.irfft(inverse, axis=1), reach, axis=1)[:, : 2 * reach + 1]  # zero time in the middle
+    filters *= np.hanning(2 * reach + 3)[1:-1]
     for start, stop in ranges(recording.samples, max(reach, GROUP_SAMPLES // 8 // recording.count)):
         first, last = max(start - reach, 0), min(stop + reach, recording.samples)
         padding = (0, 0), (first - start + reach, stop + reach - last)

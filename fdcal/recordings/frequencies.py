@@ -19,7 +19,7 @@ import numpy as np
 
 from ..acoustics.coherence import array_radius
 from ..acoustics.dictionary import f_max
-from ..acoustics.spectrum import fast_length
+from ..acoustics.spectrum import fast_length, rfft
 from ..model.validation import InputError
 from .recording import IMPORT_LIMITS, Band, ImportOptions, Recording, channel_groups, number_in
 
@@ -169,12 +169,10 @@ def _coherent_radius(recording: Recording, dimension: int, speed: float) -> floa
     low = max(IMPORT_LIMITS.low, IMPORT_LIMITS.min_periods / recording.duration)
     if low >= top or recording.count * recording.samples > COHERENCE_SAMPLES:
         return None
-    from scipy.fft import rfft
-
     padded = fast_length(recording.samples)
     bins = np.unique(np.round(np.geomspace(low, top, COHERENCE_COUNT) * padded / recording.sample_rate).astype(int))
     bins = bins[bins <= padded // 2]
-    rows = [np.asarray(rfft(samples, padded, axis=1))[:, bins] for _, samples in channel_groups(recording)]
+    rows = [rfft(samples, padded)[:, bins] for _, samples in channel_groups(recording)]
     spectra = np.concatenate(rows).T
     power = np.mean(np.abs(spectra) ** 2, axis=1)
     loud = power >= power.max() * 10 ** (-COHERENCE_RANGE / 10)

@@ -257,12 +257,6 @@ def test_an_element_of_an_unknown_type_is_refused(response_file, kind):
     refuses(r"response\.mat", load_sdm_response, response_file)
 
 
-@pytest.mark.parametrize("length", (131, -1))
-def test_a_file_that_is_cut_off_is_refused(response_file, length):
-    response_file.write_bytes(response_file.read_bytes()[:length])
-    refuses("", load_sdm_response, response_file)
-
-
 def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
     table = {key: value for key, value in loadmat(response_file).items() if key[0] != "_"}
     expected = load_sdm_response(response_file).amplitudes
