@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -93,7 +94,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
     paths = [one for path in paths for one in formats.sound_files(path) or [path]]
-    if twice := [path for path, times in Counter(map(os.path.realpath, paths)).items() if times > 1]:
+    if twice := [path for path, times in Counter(os.path.realpath(one) for one in paths).items() if times > 1]:
         raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
     read = list[Recording]()
     for path in paths:
@@ -189,6 +190,7 @@ def _measurement_of_take(
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
         raise InputError(problem, f"give {axes} coordinates", key="known")
+    places: Any = known_positions  # without them those in the file are used
     measurement = Measurement(
         frequencies=pressures.frequencies,
         pressures=pressures.pressures,
@@ -200,7 +202,7 @@ def _measurement_of_take(
         names=recording.names,
         positions=recording.positions,
         known=known,
-        known_positions=known_positions,
+        known_positions=places,
         takes=np.zeros(len(pressures.frequencies), np.int64),  # several rows may have one frequency
     )
     responses = recording
