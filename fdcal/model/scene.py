@@ -149,7 +149,7 @@ class Room:
     @property
     def dimension(self) -> int:
         """Dimension of the sound field, 2 or 3."""
-        return 3 if self.response is not None or is_triple(self.size) else 2
+        return 3 if self.response is not None or len(self.size or ()) == 3 else 2
 
     @property
     def cell_size(self) -> float:
@@ -251,7 +251,7 @@ class Source:
         """The only position of the source, metres; InputError if it has several."""
         if self.position is None and len(self.positions) != 1:
             problem = f"the source has {len(self.places)} positions, and one is simulated at a time"
-            raise InputError(problem, "use Source.each()", key="source.positions")
+            raise InputError(problem, "use the scenes of Scene.takes()", key="source.positions")
         (place,) = self.places
         return place
 
@@ -259,10 +259,6 @@ class Source:
     def keys(self) -> tuple[str, ...]:
         """Keys of its positions for messages: "source.position", or "source.positions[1]" and so on."""
         return tuple(f"source.positions[{i + 1}]" for i in range(len(self.positions))) or ("source.position",)
-
-    def each(self) -> tuple[Source, ...]:
-        """Return one source for each position, which has only this one."""
-        return tuple(replace(self, position=place, positions=()) for place in self.places)
 
     def table(self) -> dict[str, Any]:
         """Return the values for the key of the cache, as a dictionary without empty `positions`."""
@@ -275,11 +271,6 @@ class Source:
             why = "has three coordinates, so that no pulse is simulated"
             raise refusal("source.position", list(self.places[0]), why, "give two coordinates")
         return Band(self.low, self.high, self.sample_rate)
-
-
-def is_triple(values: Any) -> bool:
-    """Return whether `values`, of any type, is a list of three entries."""
-    return isinstance(values, (list, tuple)) and len(values) == 3
 
 
 def is_no_pair(values: Any) -> bool:
@@ -355,7 +346,8 @@ class Scene:
         """
         if self.source is None or len(self.source.places) == 1:
             return (self,)
-        return tuple(replace(self, source=source) for source in self.source.each())
+        sources = (replace(self.source, position=place, positions=()) for place in self.source.places)
+        return tuple(replace(self, source=source) for source in sources)
 
     def __post_init__(self):
         check(self)
@@ -475,7 +467,7 @@ class Array:
     def room_dimension(self) -> int:
         """Dimension of the room that the array stands in, 2 or 3."""
         if self.geometry == "positions":
-            return 3 if is_triple((self.positions or ((),))[0]) else 2
+            return 3 if self.positions and len(self.positions[0]) == 3 else 2
         return 3 if self.geometry in GEOMETRIES_3D else 2
 
     @property
@@ -543,18 +535,18 @@ def placeholder_scene(
     low, size = low - MARGIN, np.maximum(high - low, 0.1) + 2 * MARGIN
     boxed, step = D == 3, float(size.max()) / CELLS
     search = measurement.search or (None if boxed else Search(tuple(low.tolist()), (CELLS * step,) * 2, step))
-    corners = low + size * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) if not boxed else None
+    outline = tuple(map(tuple, (low[:2] + size[:2] * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])).tolist()))
     c = measurement.sound_speed
     if boxed and d == 2:
         array = Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
     else:
         placed = measurement.positions
         placed = 0.1 * np.arange(measurement.count)[:, None] * np.ones(d) if placed is None else placed
-        array = Array("positions", positions=_rows(placed))
+        array = Array("positions", positions=tuple(map(tuple, np.asarray(placed).tolist())))
     return MeasuredScene(
         name=name,
         title=title or f"{name}, as measured",
-        room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=_rows(corners), sound_speed=c),
+        room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=outline, sound_speed=c),
         source=Source(position=(0.1,) * 3 if boxed else tuple((low + 0.1).tolist())),
         array=array,
         gauge=Gauge(known=tuple(measurement.known.tolist())),
@@ -565,10 +557,6 @@ def placeholder_scene(
         file=file,
         remark=remark,
     )
-
-
-def _rows(values: Any) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in np.asarray(values).tolist())
 
 
 # Suffixes of files that are mistaken for scenes: what such a file is, and the command for it.

@@ -32,7 +32,6 @@ from fdcal.acoustics.plane_waves import (
 from fdcal.acoustics.spectrum import laplace_transform
 from fdcal.model.scene import load_scene, response_path
 from fdcal.model.settings import Search
-from fdcal.model.validation import InputError
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]
 CENTRE = np.array([2.1, 0.9])
@@ -210,9 +209,7 @@ ROLLED = [{key: np.roll(WHOLE[key], n) for key in ("p", "azi_rad", "ele_rad")} f
 )
 def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):
     savemat(tmp_path / "bad.mat", {key: value for key, value in (WHOLE | changes).items() if value is not None})
-    with pytest.raises(InputError, match=words) as caught:
-        load_sdm_response(tmp_path / "bad.mat")
-    assert len(str(caught.value)) < 1000 + len(str(tmp_path))
+    assert len(str(refuses(words, load_sdm_response, tmp_path / "bad.mat"))) < 1000 + len(str(tmp_path))
 
 
 def test_a_response_that_is_cut_off_or_missing_is_named(tmp_path):

@@ -51,9 +51,7 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
     measurement = measured(POSITIONS, (0, 1, 2), highest=100.0)
     k, c = measurement.wavenumbers, 1.01 * measurement.sound_speed
     given = replace(measurement, wavenumbers=k * 1.0)
-    with pytest.raises(InputError, match="give wavenumbers, too") as caught:
-        replace(given, sound_speed=c)
-    assert caught.value.key == "wavenumbers"
+    assert refuses("give wavenumbers, too", replace, given, sound_speed=c).key == "wavenumbers"
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k / 1.01).wavenumbers, k / 1.01)
     assert np.array_equal(replace(given, sound_speed=c, wavenumbers=k.copy()).wavenumbers, k)
     np.testing.assert_allclose(
