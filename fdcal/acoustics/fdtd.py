@@ -63,8 +63,7 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
         why = f"breaks the CFL limit for room.cell = {h:g} m"
         raise refusal("source.sample_rate", sample_rate, why, f"use at least {least} Hz", "Hz")
     if corners.min() < 0:
-        problem = f"{key} has a coordinate of {corners.min():g} m"
-        raise InputError(problem, "move it until none is below 0", key=key)
+        raise InputError(f"{key} has a coordinate of {corners.min():g} m", "move it until none is below 0", key=key)
     straight = np.isclose(corners, np.roll(corners, -1, axis=0), rtol=0, atol=ON_AXIS)
     for value in corners[straight]:
         cells = value / h

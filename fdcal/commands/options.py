@@ -166,8 +166,7 @@ def search_domain(own: Search | None, dimension: int, search: Sequence[float] | 
 def microphone_number(number: int, count: int) -> int:
     """Return the number of a microphone, counted from 0; InputError if there is none."""
     if not 0 <= number < count:
-        remedy = f"the array has microphones 0 to {count - 1}"
-        raise InputError(f"--microphone {number} does not exist", remedy, key="microphone")
+        raise InputError(f"--microphone {number} does not exist", f"the array has 0 to {count - 1}", key="microphone")
     return number
 
 
@@ -188,8 +187,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
         if linked or os.path.realpath(source) == os.path.realpath(path):
-            problem = f"-o {text} is the input itself, which is never overwritten"
-            raise InputError(problem, "choose another name", key="output")
+            raise InputError(f"-o {text} is the input itself, never overwritten", "choose another name", key="output")
     if path.exists() and not force:
         raise InputError(f"-o {text} exists", "add <force> to overwrite it, or choose another name", key="output")
     return path

@@ -107,8 +107,7 @@ def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.nda
     for name, place in zip(scene.emitter.keys, scene.emitter.places, strict=True):
         point = np.array([place]) if scene.room.cell is None else snap(np.array([place]), scene.room.cell)
         if not inside(point).all():
-            problem = f"{name} = {list(place)} m lies outside the room or in a wall"
-            raise InputError(problem, "move it inside the room", key=name)
+            raise InputError(f"{name} = {list(place)} m lies outside the room or in a wall", "move it inside", key=name)
         if hull_meets(positions, point):
             problem = f"{name} = {list(place)} m lies inside the array, where the field must have no source"
             raise InputError(problem, "move it outside the convex hull of the microphones", key=name)

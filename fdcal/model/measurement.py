@@ -532,8 +532,7 @@ def _checked_arrivals(
     array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
     latest = float(np.abs(array).max(initial=0.0))
     if latest > LATEST_ARRIVAL:
-        problem = f"an arrival at {latest:.3g} s is too late"
-        raise InputError(problem, f"stay within {LATEST_ARRIVAL:g} s", key="arrivals")
+        raise InputError(f"arrivals = {latest:.3g} s is too late", f"stay within {LATEST_ARRIVAL:g} s", key="arrivals")
     sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
     if np.ndim(sigma) == 0:
         sigma = np.full(rows, convert(np.asarray(sigma).item(), Seconds, "arrival_sigma"))
@@ -553,8 +552,7 @@ def checked_known(
         remedy = f"name each microphone of 0 to {count - 1} at most once"
         raise InputError(f"known = {listed} names a microphone twice or one that does not exist", remedy, key="known")
     if len(listed) == count:
-        problem = f"known names all {count} microphones: none is left to be found"
-        raise InputError(problem, "leave some out", key="known")
+        raise InputError(f"known names all {count} microphones: none is left to be found", "leave one out", key="known")
     if positions is None:
         if listed and truth is None:
             raise InputError("known_positions is missing", "add it, shape (A, D)", key="known_positions")
@@ -704,7 +702,7 @@ class MicrophonePositions:
         positions = require_array("positions", self.positions, "real", (len(self.names), None), "m")
         if positions.shape[1] not in (2, 3):
             problem = f"positions have shape {positions.shape}"
-            raise InputError(problem, "give shape (N, 2) or (N, 3), metres", key="positions")
+            raise InputError(problem, "give (N, 2) or (N, 3), metres", key="positions")
         space = np.zeros((len(positions), 3))
         space[:, : positions.shape[1]] = positions
         object.__setattr__(self, "positions", frozen_array(space, float))

@@ -132,8 +132,7 @@ class Room:
         for corner in self.outline or ():
             require_point("room.outline", corner, (2,))
         if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell_size**2):
-            remedy = "give at least three corners [x, y], in order"
-            raise InputError("room.outline encloses no area", remedy, key="room.outline")
+            raise InputError("room.outline encloses no area", "give three or more corners", key="room.outline")
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
         if cells > LIMITS.cells:
             remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
@@ -444,8 +443,7 @@ class Array:
             if key in needs and not value:
                 raise InputError(f"{name} is missing or zero", f'array.geometry = "{self.geometry}" needs it', key=name)
             if key not in needs and value:
-                problem = f'{name} has no meaning with array.geometry = "{self.geometry}"'
-                raise InputError(problem, "remove it", key=name)
+                raise InputError(f'{name} has no meaning with geometry = "{self.geometry}"', "remove it", key=name)
         check(self, "array.")
         if self.center is None:
             object.__setattr__(self, "center", (0.0,) * self.room_dimension)
@@ -456,7 +454,7 @@ class Array:
                 require_point(f"array.{key}", row, (wanted,))
         if self.number > LIMITS.microphones:
             problem = f"array has {self.number} microphones"
-            raise InputError(problem, f"use {LIMITS.microphones} at most", key="array.count")
+            raise InputError(problem, f"use at most {LIMITS.microphones}", key="array.count")
 
     @property
     def dimension(self) -> int:

@@ -112,8 +112,7 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
     channels = np.arange(recording.count) if channels is None else np.asarray(channels, np.int64)
     values = np.asarray(recording.block(start, stop, channels))
     if values.shape != (len(channels), stop - start):
-        problem = f"{recording.path} is truncated: some of the samples {start} to {stop} are missing"
-        raise InputError(problem, "copy the file again")
+        raise InputError(f"{recording.path} is truncated between the samples {start} and {stop}", "copy it again")
     values = values.astype(float)
     usable = np.abs(values) <= LIMITS.strongest  # False for NaN
     if not np.all(usable):

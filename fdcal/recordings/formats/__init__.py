@@ -87,8 +87,7 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
             problem = f"fdcal cannot read the format of {path}"
             raise InputError(problem, f"give {', '.join(suffixes('read'))} or a folder")
         if source and found.source_count is None:
-            remedy = f"{path} holds one source only, number 0"
-            raise InputError(f"source = {source} does not exist", remedy, key="source")
+            raise InputError(f"source = {source} does not exist", f"{path} holds one source only, 0", key="source")
         if path.is_file():
             with open(path, "rb"):  # reports a missing permission, for which libraries raise various exceptions
                 pass
@@ -131,8 +130,7 @@ def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
     """Return the suffix of an output file; InputError unless it is `allowed`; `what`: the kind of file."""
     suffix = Path(path).suffix.lower()
     if suffix not in allowed:
-        remedy = f"use one of {', '.join(allowed)}"
-        raise InputError(f'"{path}" does not have the suffix of {what}', remedy, key="output")
+        raise InputError(f'"{path}" lacks the suffix of {what}', f"use one of {', '.join(allowed)}", key="output")
     return suffix
 
 

@@ -71,8 +71,7 @@ def _rate(path: Path, arrays: Arrays, given: float | None) -> float | None:
         text = single.decode(errors="replace") if isinstance(single, bytes) else str(single)
         number = re.fullmatch(r"\s*([\d.]+(?:e\+?\d+)?)\s*(k?hz)?\s*", text, re.IGNORECASE)
         if number is None:
-            problem = f'{path}: "{shown(name)}" is {shown(text, 80)}'
-            raise InputError(problem, "give one number, the sampling rate in Hz", key="rate")
+            raise InputError(f'{path}: "{shown(name)}" is {shown(text, 80)}', "give one number in Hz", key="rate")
         rates[name] = float(number[1]) * (1000 if "khz" in (unit, (number[2] or "").lower()) else 1)
     if len(set(rates.values())) > 1:
         problem = f"{path} has several sampling rates: {', '.join(f'{shown(n)} = {hz:g}' for n, hz in rates.items())}"

@@ -325,12 +325,10 @@ def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
     named = not any(map(is_number, columns[0]))
     counting = width == 3 and _counts(columns[0])
     if counting and all(cell.lstrip("+-").isdigit() for column in columns[1:] for cell in column):
-        problem = "its first column may be the numbers of the microphones or x"
-        raise _question(problem, "begin with the line name,x,y or x,y,z")
+        raise _question("its first column may be the numbers of the microphones or x", "begin with name,x,y or x,y,z")
     head = ["name"] if named or counting or width == 4 else []
     if width - len(head) not in (2, 3):
-        problem = f"it has {width} columns and no line that names them"
-        raise _question(problem, "begin with the line name,x,y or name,x,y,z")
+        raise _question(f"it has {width} columns and no line that names them", "begin with name,x,y or name,x,y,z")
     return [*head, *"xyz"[: width - len(head)]]
 
 

@@ -139,8 +139,7 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
     size = path.stat().st_size
     announced, there = (int(note[1]), int(note[2])) if note else (int(note_64[1]) if note_64 else 0, size)
     if _cut_off(announced, there, size - there):
-        problem = f"{path} is truncated: its header announces {announced} bytes of sound, {there} are there"
-        raise InputError(problem, "copy it again")
+        raise InputError(f"{path} is truncated: it has {there} of {announced} bytes of sound", "copy it again")
     if note or mended:
         log.warning("%s: %s", path, READ_ON)
 
