@@ -9,15 +9,9 @@ import numpy as np
 import pytest
 from fields import rigid_room
 
+from fdcal.acoustics import room_modes
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
 from fdcal.acoustics.measure import measure
-from fdcal.acoustics.room_modes import (
-    diffuse_model,
-    nearest_symmetry,
-    point_source_model,
-    room_pressures,
-    room_symmetries,
-)
 from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.scene import Room, Source, load_scene
 from fdcal.model.settings import Sensing
@@ -165,13 +159,13 @@ def differs(values, truth) -> float:
 @pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])
 def test_the_sum_is_the_closed_form_in_a_box(admittance):
     walls = Room(size=BOX, walls="absorbing", admittance=admittance) if admittance else Room(size=BOX)
-    room = point_source_model(BOX, WAVENUMBERS, admittance)
+    room = room_modes.point_source_model(BOX, WAVENUMBERS, admittance)
     truth = point_source_pressures(walls, BOX_SOURCE, HIGH, WAVENUMBERS)
-    assert differs(room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
+    assert differs(room_modes.room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
     if not admittance:
-        room, source = point_source_model(RECTANGLE, WAVENUMBERS, 0), SOURCE_IN_RECTANGLE
+        room, source = room_modes.point_source_model(RECTANGLE, WAVENUMBERS, 0), SOURCE_IN_RECTANGLE
         truth = rigid_room(IN_RECTANGLE, source, WAVENUMBERS)
-        assert differs(room_pressures(room.excitation(source), room.shapes(IN_RECTANGLE)), truth) < 1e-4
+        assert differs(room_modes.room_pressures(room.excitation(source), room.shapes(IN_RECTANGLE)), truth) < 1e-4
 
 
 def noisy() -> tuple[np.ndarray, np.ndarray]:
@@ -203,7 +197,7 @@ def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size,
     gradient = exact(theta, p, noise, WAVENUMBERS, size).terms.gradient
     for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
         assert gradient[i] == pytest.approx(slope(cost, theta, i), rel=2e-3, abs=2e-3)
-    model, x = diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
+    model, x = room_modes.diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
     gradient = diffuse_terms(x, p, noise, model).gradient
     for i in (0, 3, 7):
         wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
@@ -214,16 +208,18 @@ def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size,
     ("size", "count"), [((6.0, 5.0), 4), ((5.0, 5.0), 8), ((4.0, 3.0, 2.5), 8), ((3.0, 3.0, 2.5), 16)]
 )
 def test_the_symmetries_of_a_room_leave_its_pressures_unchanged(size, count):
-    found = room_symmetries(size)
+    found = room_modes.room_symmetries(size)
     assert len(found) == count
-    D, room = len(size), point_source_model(size, WAVENUMBERS, 0.02)
+    D, room = len(size), room_modes.point_source_model(size, WAVENUMBERS, 0.02)
     places, source = RNG.uniform(0.2, 2.3, (4, D)), RNG.uniform(0.2, 2.3, D)
-    here = room_pressures(room.excitation(source), room.shapes(places))
+    here = room_modes.room_pressures(room.excitation(source), room.shapes(places))
     assert np.array_equal(found[0].apply(places), places)
     distinct = {tuple(np.round(image.apply(places), 9).ravel()) for image in found}
     assert len(distinct) == len({str(image) for image in found}) == count
     for image in found:
         assert np.allclose(
-            room_pressures(room.excitation(image.apply(source)), room.shapes(image.apply(places))), here, rtol=1e-9
+            room_modes.room_pressures(room.excitation(image.apply(source)), room.shapes(image.apply(places))),
+            here,
+            rtol=1e-9,
         )
-        assert nearest_symmetry(places, image.apply(places), size) == image
+        assert room_modes.nearest_symmetry(places, image.apply(places), size) == image

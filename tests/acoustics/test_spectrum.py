@@ -9,17 +9,10 @@ from fields import disc, waves
 from running import refuses
 from scipy.special import jv
 
+from fdcal.acoustics import spectrum
 from fdcal.acoustics.coherence import array_radius
 from fdcal.acoustics.fdtd import simulate
 from fdcal.acoustics.measure import cached_measurement, cached_recordings, measure
-from fdcal.acoustics.spectrum import (
-    laplace_transform,
-    mean_power,
-    pick_peaks,
-    wavenumber_continuous,
-    wavenumber_discrete,
-    window_rate,
-)
 from fdcal.model.arrays import ball
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Faults
@@ -40,8 +33,8 @@ def recordings(tiny):
 
 def picked_modes(recordings, fs, lowest, highest, prominence_db, resolution):
     """The peaks of the spectrum of recordings, as a measurement picks them, Hz."""
-    first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
-    return pick_peaks(power, first, step, prominence_db, resolution)
+    first, step, power = spectrum.mean_power(recordings, fs, lowest, highest, resolution)
+    return spectrum.pick_peaks(power, first, step, prominence_db, resolution)
 
 
 def eigenfrequencies(scene):
@@ -72,14 +65,14 @@ def test_peaks_are_the_eigenfrequencies(tiny, recordings):
 )
 def test_picking_refines_beyond_the_points_of_the_spectrum_with_and_without_a_window(frequencies, loss, off):
     ringing = sum(np.exp(-loss * TIME) * np.sin(2 * np.pi * f * TIME + f * (not loss)) for f in frequencies)[None]
-    assert (window_rate(ringing, FS) == 0) == bool(loss)
+    assert (spectrum.window_rate(ringing, FS) == 0) == bool(loss)
     np.testing.assert_allclose(picked_modes(ringing, FS, 50, 300, 1.0, 1.4), frequencies, atol=off)
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0, 3.0, 5.0])
 def test_the_window_adds_what_the_room_lacks(decay):
     noise = np.random.default_rng(0).normal(size=(4, len(TIME)))
-    assert (window_rate(noise * np.exp(-decay * TIME), FS) + decay) * T == pytest.approx(12, abs=2.0)
+    assert (spectrum.window_rate(noise * np.exp(-decay * TIME), FS) + decay) * T == pytest.approx(12, abs=2.0)
 
 
 def test_transform_is_the_sum_it_says():
@@ -87,18 +80,18 @@ def test_transform_is_the_sum_it_says():
     f, s = np.array([0.0, 31.4, 777.7]), 5.0
     time = np.arange(5000) / FS
     expected = np.exp(-np.outer(s + 2j * np.pi * f, time)) @ signals.T
-    np.testing.assert_allclose(laplace_transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(spectrum.laplace_transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda _: window_rate(np.zeros((2, 100)), FS), "silent"),
-        (lambda _: window_rate(np.full((2, 100), np.nan), FS), "finite"),
+        (lambda _: spectrum.window_rate(np.zeros((2, 100)), FS), "silent"),
+        (lambda _: spectrum.window_rate(np.full((2, 100), np.nan), FS), "finite"),
         (lambda _: picked_modes(np.exp(-500 * TIME)[None], FS, 50, 300, 1.0, 1.4), "no mode stands out"),
         (lambda _: picked_modes(np.sin(TIME)[None], FS, 50, 300, 1.0, 1.0), r"resolution = 1 Hz; use at least 2\.72 s"),
         (lambda scene: measure(replace(scene, source=replace(scene.source, duration=0.3))), r"0\.3 s is too short"),
-        (lambda _: wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0), r"measurement\.highest"),
+        (lambda _: spectrum.wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0), r"measurement\.highest"),
     ],
 )
 def test_what_has_no_spectrum_is_refused(tiny, call, words):
@@ -109,7 +102,7 @@ def test_what_has_no_spectrum_is_refused(tiny, call, words):
 def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
     """Averaged over the directions, the frequency that the scheme gives |k| is the one that gave k."""
     f, c, h, fs = np.array([20.0, 400.0, 2000.0]), 343.0, 0.02, 28590.0
-    k = wavenumber_discrete(f, s, c, h, fs)
+    k = spectrum.wavenumber_discrete(f, s, c, h, fs)
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     sines = np.sin(k[:, None] * h / 2 * np.cos(angle)) ** 2 + np.sin(k[:, None] * h / 2 * np.sin(angle)) ** 2
     courant = c / (fs * h)
@@ -118,7 +111,8 @@ def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
     spread = np.abs(2 * fs * np.arcsin(courant * np.sqrt(sines)) / w[:, None] - 1).max(axis=1)
     assert spread[1] < 3e-4  # direction matters little below 400 Hz
     errors = [
-        np.abs(wavenumber_discrete(f, s, c, h, 500 / h) - wavenumber_continuous(f, s, c))[1] for h in (0.02, 0.01)
+        np.abs(spectrum.wavenumber_discrete(f, s, c, h, 500 / h) - spectrum.wavenumber_continuous(f, s, c))[1]
+        for h in (0.02, 0.01)
     ]
     assert errors[0] / errors[1] == pytest.approx(4, rel=0.04), "it tends to the continuous one"
 
@@ -138,14 +132,14 @@ def test_pressures_solve_helmholtz_the_better_the_higher_the_order(tiny):
     ears = np.unique((np.floor(ears / 0.04) + 0.5) * 0.04, axis=0)
     fs, room = tiny.source.sample_rate, tiny.room
     sound = simulate(room, tiny.source, ears)
-    f, s = eigenfrequencies(tiny)[:5], window_rate(sound, fs)
-    k = wavenumber_discrete(f, s, room.sound_speed, room.cell, fs)
-    rows = list(zip(laplace_transform(sound, fs, s, f), k, strict=True))
+    f, s = eigenfrequencies(tiny)[:5], spectrum.window_rate(sound, fs)
+    k = spectrum.wavenumber_discrete(f, s, room.sound_speed, room.cell, fs)
+    rows = list(zip(spectrum.laplace_transform(sound, fs, s, f), k, strict=True))
     errors = [np.mean([residual(ears, p, k, 0.25, offset) for p, k in rows]) for offset in range(4)]
     assert np.all(np.divide(errors[1:], errors[:-1]) < 0.2), errors
     assert errors[3] < 1e-4
-    plain = wavenumber_continuous(f, 0.0, room.sound_speed)
-    untreated = zip(laplace_transform(sound, fs, 0.0, f + 0.3), plain, strict=True)
+    plain = spectrum.wavenumber_continuous(f, 0.0, room.sound_speed)
+    untreated = zip(spectrum.laplace_transform(sound, fs, 0.0, f + 0.3), plain, strict=True)
     assert np.mean([residual(ears, p, k, 0.25, 3) for p, k in untreated]) > 5 * errors[3]
 
 

@@ -11,20 +11,10 @@ from fdcal import solvers
 from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
+from fdcal.cost import maps as cost
 from fdcal.cost.basins import local_minima
 from fdcal.cost.eq7 import ORDER_OFFSET, ReferenceCost, decibels, known_weights
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
-from fdcal.cost.maps import (
-    cost_maps,
-    cost_volume,
-    descent_maps,
-    eq7_maps,
-    likelihood_maps,
-    map_positions,
-    mode_shape,
-    partial_sums,
-    refined,
-)
 from fdcal.cost.noise import DIFFUSE_FLOOR
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import ChannelCorrection, Problem
@@ -62,7 +52,7 @@ def case(name):
 def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
     problem, x = case("tiny")
     modes = (1, 5, 20)
-    maps = eq7_maps(problem, x, 9, modes, offset)
+    maps = cost.eq7_maps(problem, x, 9, modes, offset)
     candidates = problem.search.layer().reshape(-1, 2)
     k, p = (values[np.array(modes) - 1] for values in (problem.wavenumbers, problem.pressures))
     orders = max_order(k, problem.search.radius, offset)
@@ -76,37 +66,37 @@ def test_in_space_the_maps_of_all_modes_at_the_estimate_are_the_cost_of_the_stat
     reference_cost = ReferenceCost(problem)
     n, search = int(problem.free[0]), problem.search
     there = replace(search, origin=tuple(map(float, x[n])), size=(search.step,) * len(search.size))
-    total = eq7_maps(problem, x, n, range(1, reference_cost.count + 1), 2, there).sum(axis=0)
+    total = cost.eq7_maps(problem, x, n, range(1, reference_cost.count + 1), 2, there).sum(axis=0)
     assert decibels(total[0, 0]) == pytest.approx(reference_cost(x), abs=1e-6)
 
 
 def test_what_has_no_map_is_refused(waves):
     problem, x = case("tiny")
     few = replace(problem, pressures=problem.pressures[:, :9])
-    refuses(r"mode 20 .* 9 microphones", eq7_maps, few, x[:9], 5, (1, 20), 2)
-    refuses("search", lambda: eq7_maps(replace(problem, search=None), x, 5, (1,), 2))
-    refuses("order", eq7_maps, PLANE, GUESS, 9, (14,), 12)
-    refuses("in a plane", lambda: cost_volume(*case("plane3d"), 10, (1, 2), 2))
-    refuses("two-dimensional", lambda: mode_shape(replace(waves, search=None), np.zeros((24, 2)), 1, 2))
+    refuses(r"mode 20 .* 9 microphones", cost.eq7_maps, few, x[:9], 5, (1, 20), 2)
+    refuses("search", lambda: cost.eq7_maps(replace(problem, search=None), x, 5, (1,), 2))
+    refuses("order", cost.eq7_maps, PLANE, GUESS, 9, (14,), 12)
+    refuses("in a plane", lambda: cost.cost_volume(*case("plane3d"), 10, (1, 2), 2))
+    refuses("two-dimensional", lambda: cost.mode_shape(replace(waves, search=None), np.zeros((24, 2)), 1, 2))
     displaced = np.where(np.arange(24)[:, None] == 3, np.nan, ROUGH)
     with pytest.raises(np.linalg.LinAlgError, match="finite"):
-        likelihood_maps(MEASURED.problem(), displaced, N, MODES, noise_of(MEASURED.problem(), 1e-3))
+        cost.likelihood_maps(MEASURED.problem(), displaced, N, MODES, noise_of(MEASURED.problem(), 1e-3))
 
 
 @pytest.mark.parametrize("known_weight", [1.0, 1000.0])
 def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, known_weight):
     """Also where a known microphone is the one that is moved, whose weight is 1."""
     x = np.random.default_rng(7).uniform(SEARCH.origin, np.add(SEARCH.origin, SEARCH.size), (24, 2))
-    k, p, fine = waves.wavenumbers[[0, 2]], waves.pressures[[0, 2]], refined(SEARCH, 57)
+    k, p, fine = waves.wavenumbers[[0, 2]], waves.pressures[[0, 2]], cost.refined(SEARCH, 57)
     orders = max_order(k, SEARCH.radius, 1)
     for n, centre in ((2, np.array([1.2, 2.15])), (7, np.array([1.21, 2.13]))):
-        maps = descent_maps(waves, x, n, (1, 3), 1, known_weight, centre, fine)
+        maps = cost.descent_maps(waves, x, n, (1, 3), 1, known_weight, centre, fine)
         assert maps.shape == (2, *fine.shape[::-1]) and max(fine.shape) == 57
         weights = np.where(np.arange(24) < 5, known_weight, 1.0)
         weights[n] = 1.0
         for row, column in [(0, 0), (10, 40), (41, 56)]:
             moved = x.copy()
-            moved[n] = map_positions(np.array([[row, column]]), fine)[0]
+            moved[n] = cost.map_positions(np.array([[row, column]]), fine)[0]
             for m in range(2):
                 W = np.sqrt(weights)[:, None] * fourier_bessel(moved, k[m], int(orders[m]), centre)
                 b = np.sqrt(weights) * p[m]
@@ -114,7 +104,7 @@ def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, 
                 assert maps[m, row, column] == pytest.approx(expected, rel=1e-7)
     nearest = np.array(SEARCH.origin) + SEARCH.step * np.rint((x.mean(axis=0) - SEARCH.origin) / SEARCH.step)
     np.testing.assert_array_equal(
-        descent_maps(waves, x, 7, (1, 2), 1), descent_maps(waves, x, 7, (1, 2), 1, 1.0, nearest)
+        cost.descent_maps(waves, x, 7, (1, 2), 1), cost.descent_maps(waves, x, 7, (1, 2), 1, 1.0, nearest)
     )
 
 
@@ -123,9 +113,9 @@ def test_cost_maps_without_an_order_are_the_solvers_landscape_on_any_lattice(wav
     state = descent.init(waves, SolverSettings(modes=3, first_modes=3, order_offset=1, ample_modes=1), 0)
     weights = known_weights(waves, state.settings.known_weight)
     whole = descent.landscape(waves, state, 7, slice(0, 3)) / np.sum(weights * np.abs(waves.pressures[[0, 2]]) ** 2)
-    np.testing.assert_allclose(cost_maps(waves, descent, state, 7, (1, 3), None), whole[[0, 2]], rtol=1e-12)
+    np.testing.assert_allclose(cost.cost_maps(waves, descent, state, 7, (1, 3), None), whole[[0, 2]], rtol=1e-12)
     half = Search(SEARCH.origin, SEARCH.size, SEARCH.step / 2, SEARCH.radius)
-    fine = cost_maps(waves, descent, state, 7, (3, 1), None, half)
+    fine = cost.cost_maps(waves, descent, state, 7, (3, 1), None, half)
     np.testing.assert_allclose(fine[:, ::2, ::2], whole[[2, 0]], rtol=1e-9)
 
 
@@ -134,13 +124,17 @@ def test_a_layer_of_the_volume_is_the_map_of_that_height_also_with_gains_and_noi
     search, modes, n = problem.search, (1, 20, 60), np.arange(len(x))
     px, py = (o + search.step * np.arange(n) for o, n in zip(search.origin[:2], search.shape[:2], strict=True))
     for channels in (None, ChannelCorrection(np.exp(0.1 * np.sin(n) + 0j), 1 + n / len(x))):
-        layer = eq7_maps(problem, x, 10, modes, 2, None, channels).sum(axis=0)
-        volume = cost_volume(problem, x, 10, modes, 2, channels)
+        layer = cost.eq7_maps(problem, x, 10, modes, 2, None, channels).sum(axis=0)
+        volume = cost.cost_volume(problem, x, 10, modes, 2, channels)
         np.testing.assert_allclose(volume.on(px, py, x[10, 2])[0], layer, rtol=1e-6)
-    coarse = cost_volume(problem, x, 10, modes, 2, channels, negligible=1e-3)
+    coarse = cost.cost_volume(problem, x, 10, modes, 2, channels, negligible=1e-3)
     np.testing.assert_allclose(coarse.on(px, py, x[10, 2])[0], layer, rtol=0.05)
     assert coarse.modes[-1].values.size < volume.modes[-1].values.size
-    assert cost_volume(problem, x, 10, modes, 2, cancelled=lambda: True) is volume.on(px, py, 1.2, lambda: True) is None
+    assert (
+        cost.cost_volume(problem, x, 10, modes, 2, cancelled=lambda: True)
+        is volume.on(px, py, 1.2, lambda: True)
+        is None
+    )
 
 
 @pytest.fixture(scope="module", params=["descent", "joint"])
@@ -162,14 +156,14 @@ def state(name, solver):
 @pytest.mark.parametrize("order_offset", [ORDER_OFFSET, None])
 @pytest.mark.parametrize("modes", [(1, 2, 3, 4), (6, 5, 4), (3,)])
 def test_each_partial_sum_is_the_map_of_its_modes(solver, state, modes, order_offset):
-    fine = refined(PLANE.search, 60)
-    sums = list(partial_sums(PLANE, solver, state, 9, modes, order_offset, fine))
+    fine = cost.refined(PLANE.search, 60)
+    sums = list(cost.partial_sums(PLANE, solver, state, 9, modes, order_offset, fine))
     assert [one.modes for one in sums] == [modes[: i + 1] for i in range(len(modes))]
     for one in sums:
-        maps = cost_maps(PLANE, solver, state, 9, one.modes, order_offset, fine)
+        maps = cost.cost_maps(PLANE, solver, state, 9, one.modes, order_offset, fine)
         if order_offset is not None:  # whatever the solver and its modes in use
             assert np.array_equal(
-                maps, eq7_maps(PLANE, state.positions, 9, one.modes, order_offset, fine, state.channels)
+                maps, cost.eq7_maps(PLANE, state.positions, 9, one.modes, order_offset, fine, state.channels)
             )
         np.testing.assert_allclose(one.cost, maps.sum(axis=0), rtol=1e-9, atol=1e-12 * np.ptp(one.cost))
         assert one.minima.count == len(local_minima(one.cost))
@@ -184,7 +178,7 @@ def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     points = np.stack(np.meshgrid(x, y), axis=-1)
     towards = np.stack([np.cos(angles[0]), np.sin(angles[0])], axis=-1)
     field = np.exp(1j * (2.0 * points @ towards.T + phases[0])).sum(axis=-1)
-    shape, _ = mode_shape(waves, positions, 1, 4)
+    shape, _ = cost.mode_shape(waves, positions, 1, 4)
     assert shape.shape == field.shape and np.abs(shape).max() == pytest.approx(1.0)
     inside = np.s_[2:11, 2:11]  # among the microphones
     basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
@@ -236,7 +230,7 @@ def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
     search = CELLAR if D == 3 else AREA
     problem = replace(MEASURED.problem(), dimension=dimension, array_dimension=D, search=search)
     noise = noise_of(problem, share)
-    maps = likelihood_maps(problem, positions, N, MODES, noise)
+    maps = cost.likelihood_maps(problem, positions, N, MODES, noise)
     assert_same(maps, directly(problem, positions, noise, problem.search))
 
 
@@ -244,11 +238,11 @@ def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
 def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(away):
     problem = replace(MEASURED.problem(), search=AREA)
     noise = noise_of(problem, 1e-4)
-    before = likelihood_maps(problem, ROUGH, N, MODES, noise)
+    before = cost.likelihood_maps(problem, ROUGH, N, MODES, noise)
     displaced = ROUGH.copy()
     displaced[3] += away
-    assert_same(likelihood_maps(problem, displaced, N, MODES, noise), directly(problem, displaced, noise, AREA))
-    np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
+    assert_same(cost.likelihood_maps(problem, displaced, N, MODES, noise), directly(problem, displaced, noise, AREA))
+    np.testing.assert_allclose(cost.likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
 
 
 def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():

@@ -6,24 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from fdcal.cost import noise as estimates
 from fdcal.cost.kernels import diffuse_matrices, directions_needed, plane_waves, wave_directions
 from fdcal.cost.likelihood import FieldModel, likelihood_terms
-from fdcal.cost.noise import (
-    CHANNEL_COUNT,
-    DIFFUSE_FLOOR,
-    ISOTROPY,
-    MAX_CHANNEL_NOISE,
-    MAX_NOISE_FRACTION,
-    MAX_POWER,
-    MIN_CHANNEL_NOISE,
-    POWER_COUNT,
-    estimate_noise,
-    expected_power,
-    hyper_cost,
-    learned_powers,
-    updated_channel_noise,
-    updated_power,
-)
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2))
 K = np.linspace(0.5, 4.5, 40)  # rad/m
@@ -50,7 +35,9 @@ def test_position_errors_are_distinguished_from_noise():
     rng, found, spread = np.random.default_rng(0), [], 0.03
     for p in draws(1e-4, 4):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
-        estimate = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, DIFFUSE_FLOOR)
+        estimate = estimates.estimate_noise(
+            TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, estimates.DIFFUSE_FLOOR
+        )
         found.append((estimate.spread, estimate.noise_fraction))
         assert estimate.alone > estimate.noise_fraction
     spreads, shares = np.mean(found, axis=0)
@@ -68,7 +55,7 @@ def test_the_noise_found_is_the_likeliest_one(complex_k):
         return likelihood_terms(TRUTH, p, replace(field, noise=np.exp(log) * ONES), derivatives=False).cost
 
     least = minimize_scalar(cost, bounds=(np.log(1e-3), np.log(0.5)), method="bounded")
-    estimate = estimate_noise(TRUTH, p, field, 1e-3)
+    estimate = estimates.estimate_noise(TRUTH, p, field, 1e-3)
     assert estimate.alone == pytest.approx(np.exp(least.x), rel=0.02)
     assert estimate.cost < least.fun - np.log(tau).sum() * M + 0.5, "the error of the positions is one more freedom"
 
@@ -79,9 +66,9 @@ def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
     (p,) = draws(1e-3, 1)
     x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
     field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
-    found = estimate_noise(x, unit(p), field, DIFFUSE_FLOOR)
-    noise = np.minimum(found.noise_fraction + (K * found.spread) ** 2 / 2, MAX_NOISE_FRACTION)
-    assert (noise.max() == MAX_NOISE_FRACTION) == (spread == 0.4)
+    found = estimates.estimate_noise(x, unit(p), field, estimates.DIFFUSE_FLOOR)
+    noise = np.minimum(found.noise_fraction + (K * found.spread) ** 2 / 2, estimates.MAX_NOISE_FRACTION)
+    assert (noise.max() == estimates.MAX_NOISE_FRACTION) == (spread == 0.4)
     cost = likelihood_terms(x, unit(p), replace(field, noise=noise), derivatives=False).cost
     assert found.cost == pytest.approx(cost, rel=1e-9)
 
@@ -101,15 +88,15 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
     p, tau = (p, tau) if explained else (next(draws(1.0, 1)), np.ones(N))
     field = replace(field, channel_noise=tau, noise=field.noise if explained else 0.1 * ONES)
     for _ in range(200):
-        field = replace(field, power=updated_power(field, likelihood_terms(TRUTH, p, field)))
+        field = replace(field, power=estimates.updated_power(field, likelihood_terms(TRUTH, p, field)))
     h = 1e-4
 
     def costs(way):
         scaled = replace(field, power=np.exp(way * h) * field.power)
-        ratio = expected_power(field, p) / scaled.power  # an inverse gamma prior
-        prior = POWER_COUNT * (ratio - 1 - np.log(ratio))
-        of_channels = CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau))
-        assert hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
+        ratio = estimates.expected_power(field, p) / scaled.power  # an inverse gamma prior
+        prior = estimates.POWER_COUNT * (ratio - 1 - np.log(ratio))
+        of_channels = estimates.CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau))
+        assert estimates.hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
         return likelihood_terms(TRUTH, p, scaled, derivatives=False).costs + prior
 
     slopes = (costs(1) - costs(-1)) / (2 * h)
@@ -118,7 +105,8 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
         for factor in (0.8, 1.25):
             other = replace(field, power=np.where(np.arange(M) == mode, factor, 1.0) * field.power)
             cost = [
-                likelihood_terms(TRUTH, p, one, derivatives=False).cost + hyper_cost(one, p) for one in (other, field)
+                likelihood_terms(TRUTH, p, one, derivatives=False).cost + estimates.hyper_cost(one, p)
+                for one in (other, field)
             ]
             assert cost[0] > cost[1]
 
@@ -127,21 +115,21 @@ def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
     """Up to one factor of all channels, which the median removes and the noise of the array holds."""
     p, _, _, field = started()
     for _ in range(300):
-        field = replace(field, channel_noise=updated_channel_noise(field, likelihood_terms(TRUTH, p, field)))
+        field = replace(field, channel_noise=estimates.updated_channel_noise(field, likelihood_terms(TRUTH, p, field)))
     h, tau = 1e-4, field.channel_noise
     assert np.median(tau) == pytest.approx(1.0)
-    inner = np.flatnonzero(tau > 1.01 * MIN_CHANNEL_NOISE)
+    inner = np.flatnonzero(tau > 1.01 * estimates.MIN_CHANNEL_NOISE)
     assert len(inner) > N // 2
 
     def cost(n, way):
         changed = replace(field, channel_noise=np.where(np.arange(N) == n, np.exp(way * h), 1.0) * tau)
         # the expected power depends on the channels, too, but hardly
-        prior = CHANNEL_COUNT * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
+        prior = estimates.CHANNEL_COUNT * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
         return likelihood_terms(TRUTH, p, changed, derivatives=False).cost + prior
 
     slopes = np.array([(cost(n, 1) - cost(n, -1)) / (2 * h) for n in inner])
     left = np.sum(field.noise[:, None] * likelihood_terms(TRUTH, p, field).precision, axis=0)[inner] * tau[inner]
-    factor = 1 - slopes / (left + CHANNEL_COUNT)
+    factor = 1 - slopes / (left + estimates.CHANNEL_COUNT)
     np.testing.assert_allclose(factor, factor.mean(), rtol=1e-5)
 
 
@@ -151,11 +139,15 @@ def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
     p[:, 1] *= 1e6
     for _ in range(50):
         terms = likelihood_terms(TRUTH, p, field)
-        field = replace(field, power=updated_power(field, terms), channel_noise=updated_channel_noise(field, terms))
-    expected = expected_power(field, p)
-    assert np.all(np.isfinite(field.power)) and np.all(field.power <= MAX_POWER * expected * (1 + 1e-9))
-    assert field.channel_noise.min() >= MIN_CHANNEL_NOISE
-    assert field.channel_noise[1] > 100 and field.channel_noise.max() <= MAX_CHANNEL_NOISE
+        field = replace(
+            field,
+            power=estimates.updated_power(field, terms),
+            channel_noise=estimates.updated_channel_noise(field, terms),
+        )
+    expected = estimates.expected_power(field, p)
+    assert np.all(np.isfinite(field.power)) and np.all(field.power <= estimates.MAX_POWER * expected * (1 + 1e-9))
+    assert field.channel_noise.min() >= estimates.MIN_CHANNEL_NOISE
+    assert field.channel_noise[1] > 100 and field.channel_noise.max() <= estimates.MAX_CHANNEL_NOISE
 
 
 # Power by direction: each iteration raises the likelihood, and finds the waves that are there.
@@ -202,13 +194,13 @@ def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping,
     expected = np.empty_like(own)
     for take in (0, 1):
         rows = take == TAKES
-        A, c = powers[rows].mean(axis=0), ISOTROPY * w * resolved[rows].sum()
+        A, c = powers[rows].mean(axis=0), estimates.ISOTROPY * w * resolved[rows].sum()
         A = A * np.sqrt((strength[rows].sum(axis=0) + c / A) / (resolved[rows].sum(axis=0) + c))
         expected[rows] = (own[rows] + count * A / (w @ A)) / (1 + count)
     field = FieldModel(k, POWER, NOISE, tau, dimension, about=about, directions=powers)
-    found = learned_powers(x, p, field, TAKES, 1, count)
+    found = estimates.learned_powers(x, p, field, TAKES, 1, count)
     np.testing.assert_allclose(found, expected, rtol=1e-7)
     np.testing.assert_allclose(found @ w, 1.0, rtol=1e-12)
-    twice = learned_powers(x, p, replace(field, directions=found), TAKES, 1, count)
-    at_once = learned_powers(x, p, field, TAKES, 2, count)
+    twice = estimates.learned_powers(x, p, replace(field, directions=found), TAKES, 1, count)
+    at_once = estimates.learned_powers(x, p, field, TAKES, 2, count)
     np.testing.assert_allclose(at_once, twice, rtol=1e-9)

@@ -5,24 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.cost.short_windows import (
-    ShortField,
-    ShortLikelihood,
-    advanced,
-    anisotropic_kernel,
-    first_field,
-    free_parameters,
-    upright,
-    with_direct_sound,
-)
+from fdcal.cost import short_windows as short
 
 N, T, F, W = 6, 2, 5, 20
 SPACE = np.arange(3)
 
 
-def some_field(rng) -> ShortField:
+def some_field(rng) -> short.ShortField:
     return replace(
-        first_field(0.1 * rng.standard_normal((N, 3)), T),
+        short.first_field(0.1 * rng.standard_normal((N, 3)), T),
         channels=0.05 * rng.standard_normal((N, 2)),
         spectrum=np.array([0.2, -0.1, 0.15, 0.05, -0.3, 0.1, 0.2]),
         directions=np.array([[0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]),
@@ -31,13 +22,13 @@ def some_field(rng) -> ShortField:
     )
 
 
-def drawn(field: ShortField, rng, windows: int = W, frequencies: int = F) -> ShortLikelihood:
+def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) -> short.ShortLikelihood:
     """Windows of the model at a field, each with a power of its own."""
     k, takes = np.tile(np.linspace(4, 40, frequencies), T), np.repeat(np.arange(T), frequencies)
     N = len(field.positions)
     found = np.empty((len(k), windows, N), complex)
     each = np.unique(k)
-    K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    K = short.anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
     along = (each - each[0]) / (each[-1] - each[0])
     noise = np.exp(np.interp(along, np.linspace(0, 1, len(field.noise)), field.noise))
     x, v, q = field.positions, field.directions, field.curvature
@@ -50,7 +41,7 @@ def drawn(field: ShortField, rng, windows: int = W, frequencies: int = F) -> Sho
         z = (rng.standard_normal((windows, N)) + 1j * rng.standard_normal((windows, N))) / np.sqrt(2)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
         found[g] = gain * (z @ L.T) * np.exp(rng.standard_normal((windows, 1)))
-    return ShortLikelihood(k, takes, found)
+    return short.ShortLikelihood(k, takes, found)
 
 
 @pytest.mark.parametrize("ring", [0.1, -0.3])  # the second is a negative power
@@ -65,7 +56,8 @@ def test_the_gradient_is_that_of_the_cost(ring):
     terms = likelihood.terms(here)
     h = 1e-6
     numerical = [
-        (likelihood.terms(advanced(here, e), False).cost - likelihood.terms(advanced(here, -e), False).cost) / (2 * h)
+        (likelihood.terms(short.advanced(here, e), False).cost - likelihood.terms(short.advanced(here, -e), False).cost)
+        / (2 * h)
         for e in h * np.eye(len(terms.gradient))
     ]
     assert np.abs(terms.gradient - numerical).max() < 1e-5 * np.abs(terms.gradient).max()
@@ -103,15 +95,15 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
     field = replace(some_field(rng), spectrum=np.array([0.2, -0.1, 0.0, 0.0, -0.3, 0.0, 0.14]))
     field.positions[:, dimension:] = 0
     k = np.linspace(4, 40, 7)
-    before = anisotropic_kernel(field.positions, k, field.spectrum, False)[0]
-    cases = upright(field, SPACE[:dimension])
+    before = short.anisotropic_kernel(field.positions, k, field.spectrum, False)[0]
+    cases = short.upright(field, SPACE[:dimension])
     assert [tuple(axes) for _, axes in cases] == [[(0, 1), (0, 2)], [(0, 1, 2)]][dimension - 2]
     for turned, axes in cases:
-        assert np.allclose(anisotropic_kernel(turned.positions, k, turned.spectrum, False)[0], before, atol=1e-12)
+        assert np.allclose(short.anisotropic_kernel(turned.positions, k, turned.spectrum, False)[0], before, atol=1e-12)
         assert np.allclose(np.delete(turned.positions, axes, axis=1), 0)
-        moves = free_parameters(N, T, axes)[: 5 * N].reshape(N, 5)
+        moves = short.free_parameters(N, T, axes)[: 5 * N].reshape(N, 5)
         assert np.array_equal(np.flatnonzero(moves.all(axis=0)), axes)
-    some = free_parameters(N, T, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
+    some = short.free_parameters(N, T, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
     assert np.array_equal(np.flatnonzero(some), range(5)), "the first ones"
     upwards = turned.spectrum[4]  # of the last case, in which z is free; less sound comes from there, the greater it is
     level = [-upwards / 2 + turned.spectrum[0], -upwards / 2 - turned.spectrum[0]]
@@ -121,5 +113,5 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
 def test_the_direction_of_the_direct_sound_is_found():
     rng = np.random.default_rng(5)
     field = replace(some_field(rng), direct=np.full((T, 2), 0.5), curvature=np.zeros(T))
-    found = with_direct_sound(drawn(field, rng), replace(field, directions=np.tile([1.0, 0, 0], (T, 1))))
+    found = short.with_direct_sound(drawn(field, rng), replace(field, directions=np.tile([1.0, 0, 0], (T, 1))))
     assert np.all(np.sum(found.directions * field.directions, axis=1) > 0.95)
