@@ -225,6 +225,9 @@ def test_subsets_are_taken_also_one_in_a_plane(tmp_path):
     measurement, _ = import_recording(tmp_path / "a.npz", ImportOptions(subset="1,4,7,10,13,16", known="1,4,13,16"))
     assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
     assert len(measurement.known) == 4
+    plate = ImportOptions(subset="1,4,7,10,13,16", dimension=2)
+    assert import_recording(tmp_path / "a.npz", plate)[0].positions.shape == (6, 2), "a plate has no heights"
+    refuses("2 needs microphones of one height", import_recording, tmp_path / "a.npz", replace(plate, subset=None))
     plane = select_subset(mesh_recording(), "1,4,7,10,13,16")
     numbers, places = known_microphones(plane, f"{plane.names[3]}, {plane.names[0]}")
     assert numbers.tolist() == [3, 0] and np.array_equal(plane.positions[numbers], places)
