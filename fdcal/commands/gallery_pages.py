@@ -19,8 +19,7 @@ from ..assessment.words import state_error_words
 from ..cost.eq7 import reference_cost_of
 from ..graphics.lesson_panels import lesson_panel
 from ..graphics.marks import MARKS
-from ..graphics.overlays import ellipse_scale
-from ..graphics.picture import focus_of
+from ..graphics.picture import ellipse_scale, focus_of
 from ..graphics.replay import index_html, page_html, picture_of, replay_html, run_data
 from ..model.address import SOLVER
 from ..model.measurement import Measurement

@@ -127,8 +127,7 @@ def snapshot(scene, result, microphone, wave, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), opt.result_of(result)
-    from ..graphics.overlays import with_volume
-    from ..graphics.picture import compose
+    from ..graphics.picture import compose, with_volume
     from ..graphics.snapshot import render
     from .report import error_title
 

@@ -3,8 +3,6 @@
 The legend has exactly the marks that are drawn. Page and PNG use the same entries in the same order.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -26,7 +26,7 @@ from ..model.settings import search_around
 from ..model.validation import InputError
 from .heatmap import SHOWN
 from .marks import ELLIPSE, plot_marks
-from .overlays import enlargement
+from .picture import enlargement
 from .primitives import COLOUR_MAP, fractions
 
 if TYPE_CHECKING:

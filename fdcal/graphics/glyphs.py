@@ -140,6 +140,6 @@ def ruler(
 
 
 def tick_texts(values: np.ndarray) -> tuple[str, ...]:
-    """Return evenly spaced numbers with as many decimals as tell them apart, as "1.2"."""
+    """Return evenly spaced numbers with the fewest decimals that distinguish them, as "1.2"."""
     decimals = max(0, -int(np.floor(np.log10(values[1] - values[0])))) if len(values) > 1 else 2
     return tuple(f"{value:z.{decimals}f}" for value in values)

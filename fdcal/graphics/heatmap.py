@@ -4,8 +4,6 @@ The colours of a map in relief contain its shading, and renderers add no light. 
 on a geographic map. Lengths are metres.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """What stands below the text of a lesson, on the page and in the gallery: a plot, or a list of channels, as HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from html import escape
 

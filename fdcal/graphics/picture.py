@@ -1,8 +1,8 @@
 """The picture of an array as primitives, which the page and the PNG renderer draw.
 
 `static_picture` has the room, the source, the search domain with its rulers, and the true microphones; `with_estimate`
-adds the estimate, `with_floor` a map. Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics.marks` defines the
-marks.
+adds the estimate, `with_floor` a map. The functions at the end add trails, error ellipses, faulty channels, the cost in
+space and a ball. Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics.marks` defines the marks.
 """
 
 from collections.abc import Sequence
@@ -13,11 +13,12 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.validation import Reals, length_text
-from . import glyphs
+from ..model.validation import Reals, frozen_array, length_text
+from . import glyphs, marks
 from .heatmap import relief_sides
-from .marks import ESTIMATE, MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes, true_microphones
-from .primitives import THEMES, Anchor, Floor, Label, Lines, Mesh, Picture, Theme
+from .marks import MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
+from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme
+from .volume import Volume
 
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
@@ -62,13 +63,13 @@ def wall_height(scene: Scene) -> float:
     return PLANE_WALLS * float(np.ptp(scene.room.vertices, axis=0).max())
 
 
-HEIGHT_TICKS = "frame_ticks"  # name of the ruler's ticks; seen from the top they overlap
+HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which lie on each other from the top
 
 
 def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
     """Return the outline of the search domain with its rulers; in space also the edges above its base.
 
-    Seen from the top the numbers of the heights coincide; another label then gives their whole range.
+    From the top, the numbers of the z ruler would lie on each other; renderers show the label "frame/range" instead.
     """
     (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
     level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -146,7 +147,7 @@ SIDES = (
     *((1, 0), (-1, 0), (0, 1), (0, -1)), *((0.7, 0.7), (-0.7, 0.7), (0.7, -0.7), (-0.7, -0.7)),
     *((2.2, 0), (-2.2, 0), (0, 2.2), (0, -2.2)),
 )  # fmt: skip
-OUTSIDE = 100.0  # number of hidden marks that is as bad as a text beyond the edge
+OUTSIDE = 100.0  # a text beyond the edge counts as this number of hidden marks
 
 
 def name_place(
@@ -213,7 +214,7 @@ def static_picture(
         parts += room_and_source(scene, radius, theme)
     parts += frame(focus, z_range, radius, theme)
     if measurement.positions is not None:
-        parts += true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
+        parts += marks.true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
     if len(measurement.known):
         places = on_layer(drape(measurement.known_positions, floor, radius), base, radius, Layer.KNOWN)
         parts += marked("microphones/known", places, radius)
@@ -283,7 +284,7 @@ def with_estimate(
         truth = drape(truth, floor, radius)
     positions = drape(positions, floor, radius)
     if truth is not None and measurement.blind:
-        moved = true_microphones(truth, picture.z_range, radius, picture.theme)
+        moved = marks.true_microphones(truth, picture.z_range, radius, picture.theme)
         still = ("microphones/true", "microphones/stems")
         meshes = tuple(part for part in picture.meshes if not part.name.startswith(still))
         kept = tuple(part for part in picture.lines if not part.name.startswith(still))
@@ -293,12 +294,12 @@ def with_estimate(
     places = on_layer(positions[crossed], base, radius, Layer.ESTIMATE)
     picture = picture.plus(*marked("microphones/estimate", places, radius))
     minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([*floor.lowest, *floor.minima])
-    marks = np.concatenate([positions[:, :2], minima] if truth is None else [positions[:, :2], minima, truth[:, :2]])
+    others = np.concatenate([positions[:, :2], minima] if truth is None else [positions[:, :2], minima, truth[:, :2]])
 
     def named(n: int, words: str, name: str) -> Label:
         """Return the name of a microphone where it hides the fewest marks."""
         text = f"microphone {measurement.names[n]}{words}"
-        (x, y), anchor = name_place(text, positions[n, :2], np.delete(marks, n, axis=0), picture.focus, radius)
+        (x, y), anchor = name_place(text, positions[n, :2], np.delete(others, n, axis=0), picture.focus, radius)
         z = float(on_layer(positions[[n]], base, radius, Layer.SELECTED)[0, 2])
         return Label(name, text, (x, y, z), anchor)
 
@@ -315,7 +316,7 @@ def with_estimate(
         picture = picture.plus(*marked("selected/true", circle, radius))
     picture = picture.plus(*marked("selected/estimate", cross, radius))
     if picture.z_range[1] > base:  # a line connects the microphone with the map below it
-        picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0))
+        picture = picture.plus(lines("selected/stem", glyphs.stems(cross, base), marks.ESTIMATE, 2.0))
     return picture.plus(named(microphone, errors_of.get(microphone, ""), "selected/name"))
 
 
@@ -325,3 +326,182 @@ ERROR_PIECES = 40  # of an error line on a relief; a straight line would go thro
 def row_word(measurement: Measurement) -> str:
     """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
     return "row" if measurement.take_count > 1 else "mode"
+
+
+_DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
+ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
+NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
+SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
+VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
+
+
+def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
+    """Return the picture with the paths (T, N, D), metres, oldest state first, of the microphones that have moved.
+
+    `floor`: the map, on which the paths lie if it is a relief.
+    """
+    paths = np.asarray(paths, float)
+    if len(paths) < 2:
+        return picture
+    draped = drape(paths.reshape(-1, paths.shape[2]), floor)
+    points = on_layer(draped, picture.z_range[0], picture.marker_radius, Layer.TRAIL).reshape(*paths.shape[:2], 3)
+    pieces = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
+    pieces = pieces[np.abs(pieces[:, 1] - pieces[:, 0]).max(axis=1) > 1e-9]
+    if not len(pieces):
+        return picture
+    return picture.plus(lines("trails", pieces, marks.TRAIL, 2.0))
+
+
+def ellipse_scale(axes, extent: float) -> float:
+    """Return the round factor, 1 or more, that makes most error ellipses visible beside `extent`, metres.
+
+    `axes` (N, D, D), metres, half axes in rows, the longest last.
+    """
+    longest = np.linalg.norm(np.asarray(axes, float)[:, -1], axis=1)
+    drawn = longest[longest > NO_ELLIPSE]
+    return enlargement(float(np.median(drawn)), extent) if len(drawn) else 1.0
+
+
+def enlargement(half_axis: float, extent: float) -> float:
+    """Return 1, 2, 5, 10, ...: the smallest that makes a half axis visible beside the extent, both in metres."""
+    wanted = VISIBLE * extent / half_axis
+    if wanted <= 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
+
+
+def with_ellipses(
+    picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
+) -> Picture:
+    """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
+
+    The legend says by how much the ellipses are enlarged, or that they are too small to be seen, and `note` adds to it.
+    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. It is drawn `scale` times enlarged.
+    """
+    axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
+    lengths = np.linalg.norm(axes[:, -1], axis=1)
+    seen = np.flatnonzero(lengths > scale * NO_ELLIPSE)
+    if not len(seen):
+        return picture
+    centres = on_layer(drape(positions[seen], floor, radius), picture.z_range[0], radius, Layer.ELLIPSE)
+    half, text = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - axes.shape[2]))), MARKS["ellipses"].text
+    angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
+    rim = np.cos(angles) * half[:, -1] + np.sin(angles) * half[:, -2] + centres
+    pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
+    if scale > 1:
+        text += f", drawn {scale:g} times larger"
+    elif lengths.max() < SMALL_ELLIPSE * radius:
+        text += ", too small to be seen"
+    captions = (*picture.captions, ("ellipses", f"{text}; {note}" if note else text))
+    return replace(picture, captions=captions).plus(lines("ellipses", pieces, marks.ELLIPSE, 2.5))
+
+
+def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | None = None) -> Picture:
+    """Return the picture with a barred circle around each microphone whose channel, or given position, is faulty."""
+    if not len(faulty):
+        return picture
+    radius = picture.marker_radius
+    places = drape(np.asarray(positions, float)[list(faulty)], floor, radius)
+    centres = on_layer(places, picture.z_range[0], radius, Layer.FAULTY)
+    return picture.plus(*marked("microphones/faulty", centres, radius))
+
+
+def with_volume(picture: Picture, volume: Volume | None) -> Picture:
+    """Return the picture with isosurfaces and minima of the cost of a microphone in space; None adds nothing.
+
+    The minima are diamonds, upright and level, so that they show from every side; the lowest are the largest.
+    """
+    if volume is None:
+        return picture
+    radius = picture.marker_radius
+    lowest, others = ((), ()) if volume.minima is None else (volume.minima.lowest, volume.minima.others)
+    for name, places in (("minima", others), ("lowest", lowest)):
+        if len(places):
+            loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
+            shape = MARKS[name].reach * radius * np.concatenate(loops)
+            segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
+            picture = picture.plus(*strokes(name, segments, radius))
+    if volume.surface is None:
+        return picture
+    return replace(picture, captions=(*picture.captions, ("isosurfaces", volume.text)), surfaces=(volume.surface,))
+
+
+BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker
+BALL_SIDES = 20  # around the ball
+BALL_BRIGHT: Colour = (236, 74, 88)  # of its side that faces the light
+WHITE: Colour = (255, 255, 255)
+# Colour, radius, and distance of the middle towards the light, in radii of the ball.
+BALL_PARTS = (
+    ("microphones/ball", marks.ESTIMATE, 1.0, 0.0),
+    ("ball/bright", BALL_BRIGHT, 0.74, 0.32),
+    ("ball/highlight", WHITE, 0.2, 0.84),
+)
+BALL_LIGHT = np.array([-0.45, 0.2, 0.87])  # towards the light, of unit length
+PATH_WIDTH = 3.0  # pixels
+
+
+def along(points: Reals, fraction: float) -> Reals:
+    """Return the place on a path (P, D) at a fraction of the time, 0 to 1: it starts and ends slowly."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = lengths[-1] * fraction * fraction * (3 - 2 * fraction)
+    return np.array([np.interp(at, lengths, column) for column in points.T])
+
+
+def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
+    """Return the centre (3,), metres, of a ball at `place` (D,), which lies on the rim of a valley narrower than it."""
+    ball = BALL_RADIUS * picture.marker_radius
+    ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
+    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of what stands on a map
+    return ground if len(place) == 3 else ground + [0.0, 0.0, above + 0.75 * ball]
+
+
+def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str = "") -> Picture:
+    """Return the picture with a ball in place of the cross of the selected microphone.
+
+    `place` (D,) float64, metres; `floor`: a map in relief, on which the ball lies, or None; `path` (P, D) float64,
+    metres, downhill, or None; `text`: beside the ball, in place of the name of the microphone; the name for "".
+    """
+    ball, base = BALL_RADIUS * picture.marker_radius, picture.z_range[0]
+    in_space, centre = len(place) == 3, ball_centre(picture, place, floor)
+    drawn: list[Mesh | Lines] = [
+        mesh(name, sphere(centre + distance * ball * BALL_LIGHT, size * ball), colour)
+        for name, colour, size, distance in BALL_PARTS
+    ]
+    if not in_space:
+        shadow = centre - [*(0.5 * ball * BALL_LIGHT[:2]), 0.75 * ball]
+        drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
+    if path is not None and len(path) > 1:
+        rise = 0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius)
+        way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, rise]
+        colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
+        drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
+    raised = text or in_space or (floor is not None and floor.heights is not None)
+    above = {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if raised else {}
+    labels = tuple(
+        replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
+        for label in picture.labels
+    )
+    # the ball covers both crosses of its microphone: where no other estimate has one, there is none
+    sizes = {part.name: len(part.vertices) for part in picture.meshes}
+    alone = sizes.get("microphones/estimate") == sizes.get("selected/estimate")
+    covered = ("selected/estimate", "microphones/estimate") if alone else ("selected/estimate",)
+    meshes = tuple(part for part in picture.meshes if not part.name.startswith(covered))
+    return replace(picture, meshes=meshes, labels=labels).plus(*drawn)
+
+
+def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
+    """Return points (P, 3), metres, on a map: at its highest place within a radius, or at its level if it is flat."""
+    draped = drape(points, floor, radius)
+    return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
+
+
+def sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (V, 3), metres, and faces (F, 3) of a ball."""
+    rows = BALL_SIDES // 2
+    polar, around = np.linspace(0, np.pi, rows + 1)[:, None], np.linspace(0, 2 * np.pi, BALL_SIDES + 1)
+    parts = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)
+    unit = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    corner = (np.arange(rows)[:, None] * (BALL_SIDES + 1) + np.arange(BALL_SIDES)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, BALL_SIDES + 1, BALL_SIDES + 2], corner + [0, BALL_SIDES + 2, 1]])
+    return centre + radius * unit.reshape(-1, 3), frozen_array(faces, np.int32)

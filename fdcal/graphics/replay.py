@@ -182,7 +182,8 @@ def run_data(
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    otherwise the one that the step moved; `parts`: of a lesson, whose ranges of states become those of the states kept.
+    otherwise the one that the step moved; `parts`: those of a lesson, whose "range" is changed to the numbers of states
+    that are kept.
     """
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind:  # states are drawn moved onto the true positions
@@ -261,7 +262,7 @@ def _state_data(
 
 
 def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int]) -> np.ndarray:
-    """Return the cost of each state, dB; that of a long run is interpolated between MAX_COSTS states and `ends`."""
+    """Return the cost of each state, dB: computed for `ends` and MAX_COSTS states at most, interpolated for others."""
     computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
     costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
@@ -275,8 +276,8 @@ MARK_EDGE = 6  # pixels of it, of a symbol
 def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]], opening: str) -> str:
     """Return the index page of a gallery.
 
-    `entries`: of each page its file and what it shows after #, title, description, figures in one line (solver, mean
-    error, size), and the HTML of its picture; `opening`: the page beside it that plays above the entries.
+    `entries`: of each page the address (file, # and view), the title, a description, a line of figures (solver, mean
+    error, size) and the HTML of a picture; `opening`: the address of the page that plays above the entries.
     """
     cards = "\n".join(
         f'<a href="{escape(file)}">{picture}<h2>{escape(name)}</h2><p>{escape(text)}</p>'

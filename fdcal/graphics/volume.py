@@ -11,8 +11,6 @@
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

@@ -299,7 +299,7 @@ def _list(
     kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
-    unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array tells nothing about the list
+    unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing about the list
     rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"

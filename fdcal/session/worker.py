@@ -21,8 +21,7 @@ class Delivery:
 
     request: tuple
     result: Any = None
-    error: str = ""
-    cause: Exception | None = None
+    error: Exception | None = None
     began: float = 0.0
     ended: float = 0.0
 
@@ -143,7 +142,7 @@ class LatestWorker:
         except Exception as error:
             expected = isinstance(error, (InputError, OSError))  # the caller reports these in one line
             log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._name, exc_info=True)
-            delivery = Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
+            delivery = Delivery(arguments, error=error)
         delivery = replace(delivery, began=began, ended=time.perf_counter())
         with self._lane.changed:
             self.latest, self.running = delivery, False

@@ -5,8 +5,6 @@ microphone (none where the map follows the solver), modes and map. Each browser 
 or Expert, belongs to one browser and is not sent to the server (`server/page.js`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -79,13 +79,6 @@ class CostMapRequest:
         """The values that determine the costs, but not how they are drawn."""
         return self.revision, self.microphone, self.modes, self.order_offset
 
-    def differs_by_a_drag(self, wanted: CostMapRequest) -> bool:
-        """Return whether `wanted` is this map with another position of one microphone."""
-        if replace(self, revision=wanted.revision) != wanted:
-            return False
-        mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
-        return mine.shape == theirs.shape and int(np.count_nonzero((mine != theirs).any(axis=1))) <= 1
-
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     """Return name and unit of the quantity of a map: that which the method minimises, or Eq. 7."""
@@ -173,7 +166,7 @@ def fine_maps(
 ) -> tuple[list[Reals], Reals, Search] | None:
     """Return maps of single modes and their sum on a lattice as fine as the screen, with it; None once cancelled.
 
-    `cancelled`: tells whether the maps are no longer wanted; `kept`: which of the modes of the request have a map of
+    `cancelled`: whether the maps are no longer wanted; `kept`: which of the modes of the request have a map of
     their own, as indices. Raises InputError: there is no search domain, or a mode cannot be shown at the order of the
     request.
     """
@@ -295,15 +288,13 @@ class CostMapWorker:
             return None, ""
         last = latest.request[0]
         recent = now - max(latest.ended, self._since) < DRAG_TIME
-        dragged = not running and recent and last.differs_by_a_drag(wanted)
+        dragged = False
+        if not running and recent and replace(last, revision=wanted.revision) == wanted:
+            mine, theirs = (np.asarray(one.state.positions) for one in (last, wanted))
+            dragged = mine.shape == theirs.shape and int(np.count_nonzero((mine != theirs).any(axis=1))) <= 1
         if dragged or last.replaces(wanted, running):
-            return latest.result, error_message(latest.cause)
+            return latest.result, error_message(latest.error)
         return None, ""
-
-    @property
-    def busy(self) -> bool:
-        """Whether a map is in progress."""
-        return self.worker.busy or self._fine_worker.busy
 
     def _volume(
         self, request: CostMapRequest, fine: bool, cancelled: Callable[[], bool] = lambda: False

@@ -13,8 +13,6 @@ MicrophonePicker   the handles of the microphones
 Drop               the microphone that is dragged or rolls
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -30,7 +28,7 @@ from ..cost.basins import OUTSIDE, DescentPath, basins_of, descent_path
 from ..cost.maps import cost_maps, lattice_of
 from ..graphics.glyphs import annuli, lift
 from ..graphics.marks import drape
-from ..graphics.overlays import along, ball_centre
+from ..graphics.picture import along, ball_centre
 from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
@@ -41,9 +39,9 @@ from .state import Binding
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
-FIXED = 0.9  # of microphones that cannot be dragged, so that a finger rather meets one that can
+FIXED = 0.9  # of microphones that cannot be dragged, so that a finger more easily hits one that can
 BALL = 1.6  # of the ball, which users drag most
-SPECK = 1e-3  # of handles that nobody can meet: those in the corners of the search domain, and all at the beginning
+SPECK = 1e-3  # of handles that no pointer can hit: those in the corners of the search domain, and all at first
 HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
 
 

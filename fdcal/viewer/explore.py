@@ -5,8 +5,6 @@ lecturer may use the panels while all others see the canvas. The commands of the
 the panels (`Binding.commands`). A mode of Expert is called a frequency here.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from html import escape
 from typing import Any
@@ -162,6 +160,12 @@ class Explore:
         modes = modes or tuple(range(state.first, state.last + 1))
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
+        own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
+        at_once = own if together else SolverSettings().name
+        for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
+            how = f"aria-pressed='{str(pressed).lower()}'"
+            how += "" if name in viewer.tabs.solver.name.options else " disabled title='It needs known microphones'"
+            methods += f"<button data-do='method={name}' {how}>{text}</button>"
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""
         views = "".join(f"<button class='view' data-do='look={name}'>{name}</button>" for name in VIEWS)
@@ -169,7 +173,8 @@ class Explore:
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
             f"<small>{status}</small></span></button>"
-            f"{self._methods(viewer)}<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
+            f"<span class='switch' role='group' aria-label='Method'>{methods}</span>"
+            f"<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
             f"<button data-do='step=Step'{' disabled' if done else ''}>{step}</button>"
             "<button data-local='sheet:lessons'>Lessons</button><button data-local='sheet:share'>Share</button>"
             f"{end}<button data-local='face:expert'>Expert</button><hr>"
@@ -182,18 +187,6 @@ class Explore:
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"
             f"<output>{viewer.snapshot.microphone}</output></label>{views}"
         )
-
-    @staticmethod
-    def _methods(viewer: Viewer) -> str:
-        """Return the switch between the methods, on which that of the run is pressed."""
-        own, names = viewer.run.scene.solver.name, viewer.tabs.solver.name.options
-        together, buttons = viewer.run.solver.TRAITS.moves_all, ""
-        at_once = own if together else SolverSettings().name
-        for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
-            state = f"aria-pressed='{str(pressed).lower()}'"
-            state += "" if name in names else " disabled title='It needs known microphones'"
-            buttons += f"<button data-do='method={name}' {state}>{text}</button>"
-        return f"<span class='switch' role='group' aria-label='Method'>{buttons}</span>"
 
     def _drawn(self, viewer: Viewer) -> str:
         name = viewer.run.scene.name

@@ -132,41 +132,28 @@ def status(
 GOOD, FAULTY, DOUBTFUL = (
     "light-dark(#1a7f37, #4cc26b)", "light-dark(#0b6aa8, #58b4f0)", "light-dark(#c2410c, #fb923c)"
 )  # fmt: skip
-LINE_LENGTH = 50  # least number of characters in a line
-MAX_LINES = 2  # of the text before a click shows all of it; one more if channels are faulty
 GREY, PENDING = "#808894", "Assessing the result ..."
-VERDICT_LINE = 1.35  # height of a line of the verdict, em
-VERDICT_STYLE = (
-    "<style>.fdcal-verdict summary {list-style: none; cursor: pointer}"
-    ".fdcal-verdict summary::-webkit-details-marker {display: none}"
-    ".fdcal-verdict[open] .fdcal-more, .fdcal-verdict:not([open]) .fdcal-cut {display: none}"
-    ".fdcal-verdict:not([open]) summary div:first-child {display: -webkit-box; -webkit-box-orient: vertical;"
-    " overflow: hidden}</style>"
-)
+VERDICT_LINES = 3  # height of the verdict
 
 
 def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     """Return the verdict with its text and the leave-one-out error; "" without a verdict that is found or `pending`.
 
-    The height is always the same, so that buttons do not move: a long text is cut, and faulty channels replace the
-    leave-one-out error. A click shows everything.
+    The height is always the same, so that buttons do not move: a long text is scrolled.
     """
-    card = f"<div style='{CARD} font-size: var(--note); line-height: {VERDICT_LINE}; padding-bottom: 0.5em'>"
-    height = f"padding-left: 0.6em; min-height: {VERDICT_LINE * (MAX_LINES + 1):.2f}em"
-    if found is None:
-        waiting = f"{card}<div style='border-left: 4px solid {GREY}; {height}; opacity: 0.75'>{PENDING}</div></div>"
-        return waiting if pending else ""
-    figures = prediction_words(found.evidence.leave_one_out_db)
-    text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
-    faults = bool(found.channels is not None and found.channels.faults)
-    colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
-    lines, kind = MAX_LINES + faults, " class='fdcal-cut'" if faults else ""
-    more = "<u class='fdcal-more'>show all</u>" if figures and len(text) > LINE_LENGTH * lines else ""
-    rest = f"<div{kind} style='opacity: 0.85'>{' &ensp;'.join(filter(None, (figures, more)))}</div>" if figures else ""
+    if found is None and not pending:
+        return ""
+    colour, text = GREY, PENDING
+    if found is not None:
+        faults = found.channels is not None and found.channels.faults
+        colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
+        text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
+        figures = prediction_words(found.evidence.leave_one_out_db)
+        text = f"<div style='color: {colour}'>{text}</div><div style='opacity: 0.85'>{figures}</div>"
+    box = f"border-left: 4px solid {colour}; padding-left: 0.6em; overflow-y: auto"
     return (
-        f"{VERDICT_STYLE}{card}<div style='border-left: 4px solid {colour}; {height}'><details class='fdcal-verdict'>"
-        f"<summary title='Click to read all of it'>"
-        f"<div style='color: {colour}; -webkit-line-clamp: {lines}'>{text}</div>{rest}</summary></details></div></div>"
+        f"<div style='{CARD} font-size: var(--note); line-height: 1.35; padding-bottom: 0.5em'>"
+        f"<div class='fdcal-verdict' style='{box}; height: {1.35 * VERDICT_LINES:.2f}em'>{text}</div></div>"
     )
 
 
@@ -249,7 +236,7 @@ class Overlay:
         # a button that has been removed does nothing
         self.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
         self.on("dismiss", lambda client, value: self.say(""))
-        self.start = secrets.token_hex(8)  # of this server: a browser tells by it whether its address is still of use
+        self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
         @self.channel.on_update

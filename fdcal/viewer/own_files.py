@@ -4,8 +4,6 @@ They arrive in parts, in viser's messages for uploads, and are kept in a private
 The page accepts files only if no other machine can reach it.
 """
 
-from __future__ import annotations
-
 import re
 import tempfile
 from collections.abc import Callable
@@ -132,7 +130,7 @@ class OwnFiles:
         latest, megabytes = self.worker.latest, MAX_BYTES // 1_000_000
         kinds = "".join(f"<option value='{kind}'>{name}</option>" for kind, name in KIND_NAMES.items())
         report = f"<pre>{escape(latest.result or '')}</pre>" if latest is not None else ""
-        report += html.complaint(self._complaint or (html.error_message(latest.cause) if latest is not None else ""))
+        report += html.complaint(self._complaint or (html.error_message(latest.error) if latest is not None else ""))
         report = "<p>Reading ...</p>" if self.worker.busy else report
         return (
             f"<form data-limit='{MAX_BYTES}'><b>Your own recording</b>"

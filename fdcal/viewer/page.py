@@ -20,7 +20,7 @@ from .address import AddressBar
 from .explore import Explore
 from .own_files import OwnFiles
 from .panels import Panels
-from .prepare import Preparation, SessionSwitcher, Then, nothing
+from .prepare import Preparation, SessionSwitcher, Then
 from .scene3d import SceneNodes
 from .scheduler import Memo
 from .server import content
@@ -96,7 +96,7 @@ class Page:
             if self.viewer is not None:
                 self.viewer.picker.forget(client.client_id)
 
-    def open(self, request: OpenRequest, then: Then = nothing) -> None:
+    def open(self, request: OpenRequest, then: Then = lambda viewer: None) -> None:
         """Show another session as soon as it is ready; any thread may call this, and the last request is executed.
 
         `then` is called once on viser's event loop: with the viewer of that session, or with None if it is not shown.
@@ -147,13 +147,13 @@ class Page:
         if woken:  # an unconditional `clear` could lose a wake-up that arrives in between
             self.wake.clear()
         viewer, cameras = self.viewer, self.nodes.cameras
-        return woken or viewer is None or viewer.changing or not self.switcher.idle or cameras.waiting
+        return woken or viewer is None or viewer.changing or not self.switcher.idle or bool(cameras.requests)
 
     def tick(self, now: float) -> None:
         """Update the screen once, at the time `now`, s."""
         prepared = self.switcher.poll()
         first = self.viewer is None
-        self.nodes.settle(now)
+        self.nodes.remove_old(now)
         if first and self.switcher.error is not None:
             self._report_progress()
             raise self.switcher.error

@@ -290,7 +290,7 @@ class SolverTab(Tab):
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
         """Set the modes in use and whether the solver adds more; None for the value of the box."""
-        automatic = self.automatic.value if automatic is None else automatic
+        automatic = bool(self.automatic.value) if automatic is None else automatic
         self._binding.session.use_modes(min(first, last), last, automatic)
 
     def show(self, tick: PageState) -> None:
@@ -306,7 +306,7 @@ class SolverTab(Tab):
 
 
 @cache
-def tab_kinds() -> tuple[type[Tab], ...]:
+def tab_kinds() -> tuple[Any, ...]:
     """Return the tabs of a session, of this module and those in `tabs`, in the order in which they are made."""
     modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
     kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}

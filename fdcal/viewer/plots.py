@@ -32,7 +32,7 @@ class Plot:
     """Owns one plot.
 
     `title` has the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
-    abscissa, with its unit; `scales` are further scales of uPlot, by name; `height`: pixels; `whole`: whether the
+    abscissa, with its unit; `height`: pixels; `whole`: whether the
     abscissa has ticks only at whole numbers; `legend`: whether the plot has a legend below it. `data` are the columns
     on the page; `folder` contains the plot and can be made invisible.
     """
@@ -43,14 +43,13 @@ class Plot:
         title: str,
         series: tuple[uplot.Series, ...],
         x: str,
-        scales: dict[str, uplot.Scale] | None = None,
         height: int = 215,
         whole: bool = False,
         legend: bool = True,
     ):
         self._legend: Any = None if legend else {"show": False}
         self._steps: dict[str, Any] = {"incrs": WHOLE_STEPS} if whole else {}
-        self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
+        self._gui, self._series, self._x, self._height = gui, series, x, height
         self.folder, self.title = gui.add_folder(None), title
         self.handle: viser.GuiUplotHandle | None = None
         self._ends: Ends = None  # of the axis on the page
@@ -69,9 +68,9 @@ class Plot:
                     data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
                     padding=PADDING, legend=self._legend,
                 )  # fmt: skip
-        self.settle()
+        self.send_waiting()
 
-    def settle(self) -> None:
+    def send_waiting(self) -> None:
         """Send data or axes that wait, after the page has drawn the last ones; called by the main loop."""
         now = time.perf_counter()
         if self.handle is None or now < self._until:
@@ -97,7 +96,7 @@ class Plot:
             numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
             y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
-        scales = {"x": uplot.Scale(time=False), "y": y, **self._scales}
+        scales = {"x": uplot.Scale(time=False), "y": y}
         return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, **self._steps), axis)
 
 

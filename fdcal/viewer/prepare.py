@@ -141,10 +141,6 @@ SIMULATING, READING = "Simulating the room", "Reading the measurement"
 Then = Callable[[Any], object]  # gets the Viewer of a session when it is shown, None if it never will be
 
 
-def nothing(viewer: Any) -> None:
-    """Do nothing when a session is shown."""
-
-
 class Preparation:
     """The preparation of a run for a request; its thread writes the attributes, and the main loop reads them.
 
@@ -152,7 +148,7 @@ class Preparation:
     whether a function is being compiled, which nothing can interrupt; at the end `done` is set, and `run` or `error`.
     """
 
-    def __init__(self, request: OpenRequest, then: Then = nothing):
+    def __init__(self, request: OpenRequest, then: Then = lambda viewer: None):
         read = request.measurement is not None or isinstance(request.scene, MeasuredScene)
         self.request, self.then, self.task, self.progress = request, then, READING if read else SIMULATING, 0.0
         self.done = self.compiling = self._cancelled = False
@@ -264,7 +260,7 @@ class SessionSwitcher:
         self._executed: Preparation | None = None  # the last one on the thread, perhaps cancelled
         self.error: Exception | None = None
 
-    def open(self, request: OpenRequest, then: Then = nothing) -> None:
+    def open(self, request: OpenRequest, then: Then = lambda viewer: None) -> None:
         """Prepare a request, and cancel the one in progress. Any thread.
 
         `then` is called once: with the viewer of the session, or with None if it is not shown.

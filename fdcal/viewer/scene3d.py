@@ -108,7 +108,8 @@ class Cameras:
     """Places the cameras of the pages.
 
     `picture` is the one on the screen, or None; `view` is that of a page that opens, one of graphics.camera.VIEWS;
-    `lecture` and `caption`: whether larger type, and the caption of a lesson, need space beside the picture.
+    `lecture` and `caption`: whether larger type, and the caption of a lesson, need space beside the picture; `requests`
+    wait for the main loop.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -116,19 +117,14 @@ class Cameras:
         self.picture: Picture | None = None
         self.view, self.lecture, self.caption = "top", False, False
         self._pages: collections.defaultdict[int, PageCamera] = collections.defaultdict(PageCamera)
-        self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
-
-    @property
-    def waiting(self) -> bool:
-        """Whether requests wait for the main loop."""
-        return bool(self._requests)
+        self.requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
 
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
 
         Any thread may call this. Only the main loop places cameras, since two threads could mix their commands.
         """
-        self._requests.append((client, view))
+        self.requests.append((client, view))
 
     def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
         """`request` a view for every page, or for each page its own view of `kept_views`."""
@@ -143,8 +139,8 @@ class Cameras:
 
     def process_requests(self, clients) -> None:
         """Carry out the requests of the `clients` that are still connected; called by the main loop alone."""
-        while self._requests:
-            client, view = self._requests.popleft()
+        while self.requests:
+            client, view = self.requests.popleft()
             if client in clients:
                 if view is None:
                     self.follow(client)
@@ -154,7 +150,7 @@ class Cameras:
     def kept_views(self) -> dict[int, str | Camera]:
         """Return the view of each page, by the number of its client.
 
-        It is one of graphics.camera.VIEWS, or the camera if the user has moved it.
+        A view is one of graphics.camera.VIEWS, or the camera itself if the user has moved it.
         """
         kept = {}
         for number, client in self._server.get_clients().items():
@@ -216,8 +212,8 @@ class Cameras:
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
         """Place the camera again if the size of the canvas has changed and the user has not moved the camera.
 
-        A camera at one of its earlier positions was not moved by the user: the report is old, or the page has returned
-        to its start, as it does when it gets it late. Until then it reports viser's own start.
+        A camera that is at one of its earlier positions was not moved by the user: either the report is old, or the
+        page has received its start late and gone back to it. Before that it reports the start of viser.
 
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
@@ -371,7 +367,7 @@ class SceneNodes:
                 self._labels.content = content("labels", f"<i data-count='{count}'></i>{texts}")
         self.parts = parts
 
-    def settle(self, now: float) -> None:
+    def remove_old(self, now: float) -> None:
         """Remove old surfaces some time after new ones replaced them; called by the main loop at the time `now`.
 
         A page needs a moment to read a surface and would show none meanwhile.

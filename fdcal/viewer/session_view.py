@@ -15,11 +15,11 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
-from ..graphics import overlays
+from ..graphics import picture as overlays
 from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_estimate, with_floor
-from ..graphics.primitives import Floor, Picture
-from ..graphics.volume import Volume, brightened
+from ..graphics.primitives import Picture
+from ..graphics.volume import brightened
 from ..model.settings import search_around
 from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
@@ -55,7 +55,7 @@ VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
 
 
 class VerdictWorker:
-    """Requests verdicts on a thread of the session, and returns that for the state on the screen."""
+    """Has the end of a run assessed on a thread of the session."""
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._state, self._since = run, None, 0.0
@@ -63,31 +63,27 @@ class VerdictWorker:
         self._lineage, self._sought = None, run.sought  # of the last verdict
         self._worker = threads.job(self._compute)
 
-    def of(self, state: RunState, running: bool, now: float) -> tuple[Assessment | None, bool]:
-        """Return the assessment of a state, or None, and whether one is expected.
+    def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
+        """Return the assessment of the state that is shown, whether it is still expected, and who is averaged.
 
-        `running`: whether the solver runs; `now`: time, s.
+        The assessment is None before the end of a run. The last are the numbers of the microphones that are sought,
+        without those whose channels the last assessment of this run found faulty. `now`: time, s.
         """
+        state, found = view.state, None
         if state is not self._state:
             self._state, self._since = state, now
-        idle = now - self._since > VERDICT_DELAY and not running
+        idle = now - self._since > VERDICT_DELAY and not view.running
         if state.finished and idle and state is not self._requested:
             self._requested = state
             self._worker.request(state)
         latest = self._worker.latest
         if latest is not None and latest.request[0] is state:
-            return latest.result, False
-        return None, state.finished and not running
-
-    def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
-        """Return the microphones whose errors are averaged, without the faulty channels of the last assessment.
-
-        `found`: the assessment of the state, or None.
-        """
+            found = latest.result
         if found is not None or view.lineage is not self._lineage:
             self._lineage = view.lineage
             self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
-        return self._sought
+        failed = latest is not None and latest.request[0] is state and found is None
+        return found, found is None and state.finished and not view.running and not failed, self._sought
 
     def _compute(self, state: RunState) -> Assessment:
         run = self._run
@@ -118,23 +114,10 @@ class SessionPicture:
         self.places, self.ball = start, None
         self._static = Memo()
 
-    def draw(
-        self,
-        view: SessionView,
-        choices: Choices,
-        microphone: int,
-        floor: Floor | None = None,
-        volume: Volume | None = None,
-        found: Assessment | None = None,
-        axes: np.ndarray | None = None,
-        moving: MovingMicrophone | None = None,
-    ) -> Picture:
-        """Return the picture of a state, as `frame` has moved it.
-
-        `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `volume`: the cost in space,
-        or None; `found`, `axes`: assessment and ellipses of the state, or None; `moving`: a microphone that is dragged
-        or rolls, or None.
-        """
+    def draw(self, page: PageState, moving: MovingMicrophone | None = None) -> Picture:
+        """Return the picture of a state; `moving`: a microphone that is dragged or rolls, or None."""
+        view, choices, microphone, found, axes = page.view, page.choices, page.microphone, page.found, page.axes
+        floor, volume = (None, None) if page.drawn is None else (page.drawn.floor, page.drawn.volume)
         self.ball = None
         self.places = positions = np.array(view.state.positions, float)
         if moving is not None:
@@ -216,8 +199,9 @@ class Viewer:
             binding, choices = self.binding, self.binding.choices
             self._picture = SessionPicture(run, binding.frame)
             view = binding.frame.view(run.session.view)
-            picture = self._picture.draw(view, choices, self._selected)
-            self.snapshot = PageState(view, microphone=self._selected, picture=picture, run=run, choices=choices)
+            self.snapshot = PageState(view, microphone=self._selected, run=run, choices=choices)
+            picture = self._picture.draw(self.snapshot)
+            self.snapshot = replace(self.snapshot, picture=picture)
             # This order is the priority of their work on the threads.
             self.drop = Drop(binding, panels.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
@@ -272,8 +256,9 @@ class Viewer:
         if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
-        found, assessing = self._verdict.of(newest.state, newest.running, now) if choices.verdict else (None, False)
-        sought = self._verdict.sought(newest, found)
+        found, assessing, sought = self._verdict.of(newest, now)
+        if not choices.verdict:  # in a lesson that does not assess the result
+            found, assessing, sought = None, False, self.run.sought
         if not np.array_equal(sought, frame.by):
             frame.by = sought
         view = frame.view(newest)
@@ -301,11 +286,10 @@ class Viewer:
         if self.wanted is not None and drawn is None and not awaited:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
-        floor, volume = (None, None) if drawn is None else (drawn.floor, drawn.volume)
-        parts = floor, volume, state.found, state.axes
+        parts = *((None, None) if drawn is None else (drawn.floor, drawn.volume)), state.found, state.axes
 
         def draw() -> Picture:
-            picture = self._picture.draw(state.view, choices, state.microphone, *parts, moving)
+            picture = self._picture.draw(state, moving)
             self.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
             self._panels.overlay.show("legend", legend)

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import partialmethod
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -194,8 +195,6 @@ class Tab:
     plots: tuple = ()
     _updated = -math.inf
 
-    def __init__(self, binding: Binding): ...
-
     def refresh(self) -> None:
         """Update what depends on choices and values of controls, after the program has set them."""
 
@@ -209,7 +208,7 @@ class Tab:
     def update(self, state: PageState) -> None:
         """Call `show` if the inputs have changed, at most once per `interval`; called by the main loop."""
         for plot in self.plots:
-            plot.settle()
+            plot.send_waiting()
         inputs, memo = self.inputs(state), vars(self).setdefault("_memo", Memo())
         if state.now - self._updated >= self.interval and memo.get(*inputs) is None:
             self._updated = state.now
@@ -303,24 +302,17 @@ class Binding:
 
     # Controls of viser, with their bounds and their effect. Value and visibility may be functions of the choices.
 
-    def _control(
-        self, add: Callable, label: str, *bounds, value, act, visible: Any = True, command: str = "", **options: Any
-    ):
-        now = self.choices
+    def _control(self, kind: str, label: str, *given, visible: Any = True, command: str = "", **options: Any) -> Any:
+        (*bounds, value, act), now = given, self.choices
         first, seen = (one(now) if callable(one) else one for one in (value, visible))
-        handle = add(label, *bounds, initial_value=first, visible=seen, **options)
+        handle = getattr(self.gui, f"add_{kind}")(label, *bounds, initial_value=first, visible=seen, **options)
         followed = {"value": value, "visible": visible}
         self._followers += [(handle, name, of) for name, of in followed.items() if callable(of)]
         return self.on(handle, act, command=command)
 
-    def slider(self, label: str, low, high, step, value, act: Callable[[Any], object], **options: Any):
-        return self._control(self.gui.add_slider, label, low, high, step, value=value, act=act, **options)
-
-    def checkbox(self, label: str, value, act: Callable[[Any], object], **options: Any):
-        return self._control(self.gui.add_checkbox, label, value=value, act=act, **options)
-
-    def dropdown(self, label: str, names: tuple[str, ...], value, act: Callable[[Any], object], **options: Any):
-        return self._control(self.gui.add_dropdown, label, names, value=value, act=act, **options)
+    slider = partialmethod(_control, "slider")  # label, lowest, highest, step, value, effect
+    checkbox = partialmethod(_control, "checkbox")  # label, value, effect
+    dropdown = partialmethod(_control, "dropdown")  # label, names, value, effect
 
     def button(self, label: str, act: Callable[[Any], object], command: str = "", **options: Any):
         return self.on(self.gui.add_button(label, **options), act, command=command)

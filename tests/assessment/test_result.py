@@ -19,7 +19,7 @@ from scipy.spatial.distance import pdist
 from fdcal import Calibration
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, KnownRoom, placed_in_frame
 from fdcal.assessment.result_file import load_result, save_result
-from fdcal.graphics.overlays import VISIBLE, enlargement
+from fdcal.graphics.picture import VISIBLE, enlargement
 from fdcal.model.gauge import FRAMES, in_frame
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from fdcal.cost.scale import Minima
-from fdcal.graphics import overlays
+from fdcal.graphics import picture as overlays
 from fdcal.graphics.annotations import annotate, legend_of, margins
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import EDGE, MARKS, symbol, symbol_svg

@@ -18,8 +18,17 @@ from fdcal.graphics import annotations, glyphs
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, KNOWN, TRUE
-from fdcal.graphics.overlays import with_ball, with_ellipses, with_trails
-from fdcal.graphics.picture import HEIGHT, LETTER, compose, name_place, static_picture, z_range_of
+from fdcal.graphics.picture import (
+    HEIGHT,
+    LETTER,
+    compose,
+    name_place,
+    static_picture,
+    with_ball,
+    with_ellipses,
+    with_trails,
+    z_range_of,
+)
 from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement

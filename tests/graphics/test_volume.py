@@ -7,8 +7,7 @@ from fdcal.cost.scale import Minima
 from fdcal.graphics import snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import to_rgb
-from fdcal.graphics.overlays import with_volume
-from fdcal.graphics.picture import static_picture
+from fdcal.graphics.picture import static_picture, with_volume
 from fdcal.graphics.volume import SampledVolume, brightened, isosurface, layer_floor, levels_of, volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search

@@ -46,7 +46,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     command(page, f"open={written}&view={CAMERA}")
     choices = page.viewer.binding.choices
     assert (choices.microphone, choices.modes, choices.kind) == (5, (2, 3, 4, 6), "relief")
-    (_, camera), *_ = [one for one in page.nodes.cameras._requests if one[1] is not None][-1:]
+    (_, camera), *_ = [one for one in page.nodes.cameras.requests if one[1] is not None][-1:]
     assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
     before = page.viewer.binding.choices
     command(page, f"open={written}")
@@ -89,14 +89,14 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     assert page.viewer.binding.choices.microphone == 9, "which the first step sets"
     turn_until(lambda: address_bar(page) == "lesson=1_many_minima&part=2")
     client = Client()
-    camera = lambda: [view for one, view in page.nodes.cameras._requests if one is client and view is not None]  # noqa: E731
+    camera = lambda: [view for one, view in page.nodes.cameras.requests if one is client and view is not None]  # noqa: E731
     for step in (2, 3):  # one that is shown already, and one that has to be set up
-        page.nodes.cameras._requests.clear()
+        page.nodes.cameras.requests.clear()
         command(page, f"open=lesson=1_many_minima&part={step}&view={CAMERA}", client)
         page.nodes.cameras.process_requests = lambda clients: None  # they stay to be read
         turn_until(camera)
         turn_until(lambda: page.switcher.idle)
-        assert page.nodes.cameras._requests[-1][1] == camera_of(parse_address(f"view={CAMERA}")), (
+        assert page.nodes.cameras.requests[-1][1] == camera_of(parse_address(f"view={CAMERA}")), (
             "after the lesson's own view"
         )
     command(page, "open=lesson=1_many_minima&part=99", client)

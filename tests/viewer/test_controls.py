@@ -9,7 +9,6 @@ from doubles import State, finish, set_by_client, view_of
 from viser import _messages
 
 from fdcal.assessment.words import state_word
-from fdcal.graphics.picture import static_picture
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
@@ -23,19 +22,13 @@ from fdcal.viewer.tabs.map import EQ7, LABELS
 
 
 def test_controls_without_effect_are_hidden(controls):
-    panel, session = controls
-    map_, view, export = panel.map, panel.view, panel.export
+    panel, _ = controls
+    map_, export = panel.map, panel.export
     map_.choose_modes([1, 2])
     handles = (map_.text, map_.scale)
     assert all(handle.visible for handle in handles)
     set_by_client(map_.kind, LABELS["none"])
     assert not any(handle.visible for handle in handles)
-    picture = static_picture(None, panel.binding.measurement)
-    for ellipses, finished, seen in ((False, False, False), (True, False, True), (True, True, False)):
-        set_by_client(view.ellipses, ellipses)
-        state = dataclasses.replace(session.view.state, finished=finished)
-        view.show(PageState(dataclasses.replace(session.view, state=state), picture=picture))
-        assert view.ellipses_text.visible == seen and (not seen or "appear when" in view.ellipses_text.content)
     assert export.size.visible and export.view.visible
     set_by_client(export.kind, "Replay (HTML)")
     assert not export.size.visible and not export.view.visible, "only a picture has a size and a view"

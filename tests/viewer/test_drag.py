@@ -22,7 +22,7 @@ from fdcal.viewer import drop as drop_module
 from fdcal.viewer.drop import MicrophonePicker
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
-from fdcal.viewer.state import Binding, Choices
+from fdcal.viewer.state import Binding, Choices, PageState
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 HERE = (1.2, 2.2, 0.0)  # the middle of the search domain
@@ -271,7 +271,7 @@ def test_the_true_positions_stand_still_over_a_run_and_while_a_microphone_is_dra
     circles = {mesh.name: mesh for mesh in static_picture(blind.known_scene, blind.measurement).meshes}
     for state in view.history:
         shown = frame.view(replace(view, state=state))
-        picture = drawing.draw(shown, Choices(0, 2), 3)
+        picture = drawing.draw(PageState(shown, microphone=3, choices=Choices(0, 2)))
         drawn = next(mesh for mesh in picture.meshes if mesh.name == "microphones/true")
         np.testing.assert_array_equal(drawn.vertices, circles["microphones/true"].vertices)
         off = position_errors(drawing.places, blind.measurement.positions)

@@ -27,6 +27,7 @@ from browsing import WAIT
 from doubles import HOSTILE_CAMERAS, INVALID_VALUES, finish, is_served, join, wait_until
 from PIL import Image
 from viser import _messages, _scene_api
+from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
@@ -34,7 +35,7 @@ from fdcal.model.validation import InputError
 from fdcal.viewer import app
 from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
-from fdcal.viewer.server.hardening import titled
+from fdcal.viewer.server.hardening import allowed_origins, own_page_only
 from fdcal.viewer.server.viser_defects import SafeMessageBuffer, encoded
 
 
@@ -136,7 +137,9 @@ def test_the_film_stands_before_the_program_of_viser():
     body = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
     film, sent = "<i>film</i>", threading.Event()
     response = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "1"}, body=body)
-    page = titled(lambda *_: response, film, sent.set)(None, None).body
+    request = SimpleNamespace(headers=Headers({"Host": "127.0.0.1"}), path="/")
+    answer = own_page_only(lambda *_: response, allowed_origins("127.0.0.1"), film, sent.set)
+    page = answer(SimpleNamespace(remote_address=("127.0.0.1", 1)), request).body
     assert sent.is_set() and page.index(film.encode()) < 80_000 < len(page) / 2
     (program,) = re.findall(rb"<script data-p=.*?</script>", body, re.DOTALL)
     assert page.count(program) == 1 and page.index(b"<body>") < page.index(film.encode()) < page.index(program)

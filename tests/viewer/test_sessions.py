@@ -143,7 +143,7 @@ def test_another_scene_replaces_the_first(tiny_page, scene):
 def test_a_page_has_nothing_to_do_while_nothing_changes(tiny_page):
     page, turn_until = tiny_page
     session = page.viewer.binding.session
-    turn_until(lambda: not page.changed and not page.viewer.maps.busy)
+    turn_until(lambda: not page.changed and not page.viewer.maps.worker.busy)
     assert not page.changed
     page.viewer.binding.choose(trails=True)
     assert page.changed and not page.changed, "once for one choice"

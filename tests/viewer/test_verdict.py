@@ -23,6 +23,7 @@ from fdcal.session.calibration_run import assess_state, solve
 from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import CalibrationInput, OpenRequest, scene_input
+from fdcal.session.worker import Delivery
 from fdcal.viewer import html as words
 from fdcal.viewer import panels, prepare
 from fdcal.viewer.explore import Explore
@@ -50,17 +51,18 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     made, solver, problem = worker
     inputs = scene_input(scene)
     state = solver.init(problem, inputs.settings, scene.seed)
-    assert made.of(state, False, 0.0) == made.of(state, False, 1e3) == (None, False)
+    assert made.of(view_of([state]), 0.0)[:2] == made.of(view_of([state]), 1e3)[:2] == (None, False)
     *_, state = run_from(solver, problem, state)
-    assert made.of(state, True, 2e3) == (None, False), "it runs"
+    assert made.of(view_of([state], running=True), 2e3)[:2] == (None, False), "it runs"
     end, found, now = time.monotonic() + WAIT, None, 3e3
     while found is None and time.monotonic() < end:
-        (found, _), now = made.of(state, False, now), now + VERDICT_DELAY
+        (found, _, _), now = made.of(view_of([state]), now), now + VERDICT_DELAY
         time.sleep(0.02)
     printed = solve(inputs, wording=CONTROLS)
     assert (found.verdict, found.verdict_text) == (printed.verdict, printed.verdict_text)
     assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
-    assert made.of(dataclasses.replace(state, step=99), False, now) == (None, True), "of another state"
+    other = dataclasses.replace(state, step=99)
+    assert made.of(view_of([other]), now)[:2] == (None, True), "of another state"
 
 
 def test_the_line_is_coloured_by_the_code():
@@ -79,11 +81,12 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
     names = work.measurement.names
     judged = assessment("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
     view = dataclasses.replace(view_of(states), lineage=object())
-    assert worker.sought(view, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
-    assert worker.sought(view, judged).tolist() == [3, 4, 6, 7, 8, 9]
-    assert worker.sought(view, None).tolist() == [3, 4, 6, 7, 8, 9], "another state of the same run"
-    again = dataclasses.replace(view, lineage=object())
-    assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+    sought = lambda view: worker.of(view, 0.0)[2].tolist()  # noqa: E731
+    assert sought(view) == [3, 4, 5, 6, 7, 8, 9]
+    worker._worker.latest = Delivery((states[1],), judged)
+    assert sought(view) == [3, 4, 6, 7, 8, 9]
+    assert sought(dataclasses.replace(view, state=states[0])) == [3, 4, 6, 7, 8, 9], "another state of the same run"
+    assert sought(dataclasses.replace(view, state=states[0], lineage=object())) == [3, 4, 5, 6, 7, 8, 9]
 
 
 @pytest.mark.parametrize("verdict", [None, "good", "model_mismatch"])

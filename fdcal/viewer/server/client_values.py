@@ -110,13 +110,6 @@ def is_acceptable(message: dict[str, Any]) -> bool:
     return looks and 0 < fov < math.pi and 0 < near < far <= 1e9 and width >= 0 and height >= 0
 
 
-def message_cost(message: dict[str, Any]) -> float:
-    """Return the cost of a message, which is taken from the budget of its client."""
-    if message["type"] == "SceneNodeDragMessage" and message.get("phase") == "start":
-        return DRAG_START_COST
-    return COSTS.get(message["type"], 1.0)
-
-
 def _is_plain(value, depth: int, items) -> bool:
     """Return whether data are small, with finite numbers and short texts only."""
     if next(items) > MAX_ITEMS or depth > MAX_DEPTH:

@@ -35,7 +35,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Response
 
 from ...model.validation import InputError
-from .client_values import decoded_message, fits, is_acceptable, is_plain, message_cost
+from .client_values import COSTS, DRAG_START_COST, decoded_message, fits, is_acceptable, is_plain
 from .process import printable
 from .viser_defects import mend
 
@@ -47,30 +47,12 @@ FLOOD_TIME = 5.0  # s, total delay of a client beyond its budget after which it 
 OPEN_TIME = 2.0  # s within which a client must send its request; the server waits for it when it ends
 STALL_TIME = 10.0  # s within which a client must read some of the bytes that wait for it
 MAX_UNREAD_BYTES = 16_000_000  # bytes that may wait for one client
-DEAF = "a client that does not read was disconnected"
+NOT_READING = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
 
-class Budget:
-    """A number of updates that refills steadily.
-
-    `rate`: updates per second; `burst`: updates at once; `clock`: function that returns the time, s.
-    """
-
-    def __init__(self, rate: float = RATE, burst: float = BURST, clock: Callable[[], float] = time.monotonic):
-        self._rate, self._burst, self._clock = rate, burst, clock
-        self._left, self._since = burst, clock()
-
-    def spend(self, cost: float) -> float:
-        """Take `cost` updates; return the time until the next message may be handled, s."""
-        now = self._clock()
-        self._left = min(self._left + (now - self._since) * self._rate, self._burst) - cost
-        self._since = now
-        return max(-self._left / self._rate, 0.0)
-
-
-class StrangerFilter(logging.Filter):
-    """Shortens records that other programs cause to one line, and keeps the 1st, 10th, 100th ... of each kind."""
+class RepeatFilter(logging.Filter):
+    """Shortens the records of refused clients to one line, and keeps the 1st, 10th, 100th ... of each kind."""
 
     def __init__(self):
         super().__init__()
@@ -94,14 +76,18 @@ class GuardedConnection(ServerConnection):
 
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
-        self._budget, self._waited = Budget(), 0.0
+        self._left, self._since, self._waited = BURST, time.monotonic(), 0.0  # updates, and times, s
 
     async def recv(self, decode: bool | None = None):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
         while True:
             raw = await super().recv(decode)
             message = decoded_message(raw)
-            delay = self._budget.spend(message_cost(message))
+            now, cost = time.monotonic(), COSTS.get(message["type"], 1.0)
+            if message["type"] == "SceneNodeDragMessage" and message.get("phase") == "start":
+                cost = DRAG_START_COST
+            self._left = min(self._left + (now - self._since) * RATE, BURST) - cost
+            self._since, delay = now, max(-self._left / RATE, 0.0)
             self._waited = self._waited + delay if delay > 0 else 0.0
             if self._waited > FLOOD_TIME:
                 self._drop("a client that sends too much was disconnected")
@@ -121,7 +107,7 @@ class GuardedConnection(ServerConnection):
                 if done:
                     return sending.result()
                 if self.transport.get_write_buffer_size() >= unread:
-                    self._drop(DEAF)
+                    self._drop(NOT_READING)
         finally:
             sending.cancel()
 
@@ -129,7 +115,7 @@ class GuardedConnection(ServerConnection):
         """Handle data from the client; one that asks for answers and does not read them is disconnected."""
         super().data_received(data)
         if self.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
-            log.warning(DEAF)
+            log.warning(NOT_READING)
             self.transport.abort()
 
     def _drop(self, reason: str) -> NoReturn:
@@ -158,18 +144,27 @@ def version_checked(handler: Handler) -> Handler:
     return handle
 
 
-log.addFilter(StrangerFilter())
+log.addFilter(RepeatFilter())
 
 
 Respond = Callable[..., Response | None]  # of a connection and a request
 
 
-def own_page_only(respond: Respond, origins: list[re.Pattern[str]]) -> Respond:
-    """Wrap the function that answers requests, so that it answers only pages of this server.
+TITLE = "fdcal"
+OF_VISER = b"<title>Viser</title>"
+BUNDLE = re.compile(rb"<script data-p=.*?</script>", re.DOTALL)  # the program of viser's page
+STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
+
+
+def own_page_only(
+    respond: Respond, origins: list[re.Pattern[str]], film: str = "", on_sent: Callable[[], None] = lambda: None
+) -> Respond:
+    """Wrap the function that answers requests for files, so that it answers only pages of this server.
 
     The header Host must be one of `origins`, and the header Origin must be the same address as Host. A browser sets
-    both, and a forwarded port does not change them. The page is sent uncompressed to loopback addresses, also through
-    an SSH tunnel, since compression delays the first byte by 30 ms.
+    both, and a forwarded port does not change them. The page has our title, style and script. It is sent uncompressed
+    to loopback addresses, also through an SSH tunnel, since compression delays the first byte by 30 ms. `film`,
+    `on_sent`: as in `open_server`.
     """
 
     def answer(connection, request) -> Response | None:
@@ -183,27 +178,9 @@ def own_page_only(respond: Respond, origins: list[re.Pattern[str]]) -> Respond:
         if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
         try:
-            return respond(connection, request)
+            response = respond(connection, request)
         except OSError:  # a name that is too long for a file
             return connection.respond(http.HTTPStatus.NOT_FOUND, "404\n")
-
-    return answer
-
-
-TITLE = "fdcal"
-OF_VISER = b"<title>Viser</title>"
-BUNDLE = re.compile(rb"<script data-p=.*?</script>", re.DOTALL)  # the program of viser's page
-STYLE, SCRIPT = (Path(__file__).with_name(name) for name in ("page.css", "page.js"))
-
-
-def titled(respond: Respond, film: str = "", on_sent: Callable[[], None] = lambda: None) -> Respond:
-    """Wrap the function that answers requests for files: its page has the title TITLE, our style and our script.
-
-    `film`, `on_sent`: as in `open_server`.
-    """
-
-    def answer(connection, request) -> Response | None:
-        response = respond(connection, request)
         if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
             zipped = response.headers.get("Content-Encoding") == "gzip"
             response.body = with_title(bytes(response.body), zipped, film)
@@ -284,7 +261,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     def restricted(handler: Handler, *arguments, **given):
         """Listen with a list of allowed origins and bounds of what a client may send."""
         if given.get("process_request") is not None:
-            given["process_request"] = own_page_only(titled(given["process_request"], film, on_sent), origins)
+            given["process_request"] = own_page_only(given["process_request"], origins, film, on_sent)
         given |= {"origins": origins, "max_size": MAX_MESSAGE_BYTES, "open_timeout": OPEN_TIME}
         given |= {"create_connection": GuardedConnection, "logger": log}
         return serve(version_checked(handler), *arguments, **given)

@@ -10,8 +10,6 @@ its buffer until another browser connects. A session that was replaced is a cycl
 its controls, with few objects and large arrays, which Python's collector finds late.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import ctypes

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ..prepare import PreparedRun
     from ..session_view import Viewer
 
-OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
+OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson leaves as they are
 
 
 def plain_choices() -> dict[str, Any]:
@@ -78,22 +78,6 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     for name, act in effects.items():
         if getattr(setting, name) is not None:
             act(getattr(setting, name))
-
-
-def end_of_run(setting: LessonSetting, view: SessionView, restarts: bool) -> Callable[[SessionView], bool]:
-    """Return a function of later views of a session that returns whether the run of a setting has ended.
-
-    `view`: that before the commands of the setting; `restarts`: whether a reset is one of them.
-    """
-    (what, count), first = run_target(setting.run or "0 steps"), view.history[0] if restarts else view.state
-
-    def ended(now: SessionView) -> bool:
-        if now.running or (restarts and now is view):
-            return False
-        reached = what != "end" and getattr(now.state, what) >= getattr(first, what) + count
-        return reached or now.state.finished or bool(now.error)
-
-    return ended
 
 
 def show_frame(session: Session, address: Mapping[str, str], states: Sequence) -> None:
@@ -440,7 +424,15 @@ class LessonsTab:
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
         """Wait for the end of the run of a setting, if it has one, before question, explanation and marks are shown."""
-        self._ended = end_of_run(setting, before, restarts) if setting.run else None
+        (what, count), first = run_target(setting.run or "0 steps"), before.history[0] if restarts else before.state
+
+        def ended(now: SessionView) -> bool:
+            if now.running or (restarts and now is before):  # the commands of the setting have not begun
+                return False
+            reached = what != "end" and getattr(now.state, what) >= getattr(first, what) + count
+            return reached or now.state.finished or bool(now.error)
+
+        self._ended = ended if setting.run else None
         self._rest(viewer)
         self._then()
 

@@ -5,8 +5,6 @@ maps are computed on a thread, on the same fine lattice as the maps that the pag
 they have the same local minima.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -376,7 +374,7 @@ class SweepTab(Tab):
             self._wanted = CostMapRequest(*of)
             self.worker.newest(self._wanted)
         latest, sweep = self.worker.latest, self.made
-        error = None if latest is None or latest.request != self.worker.requested else latest.cause
+        error = None if latest is None or latest.request != self.worker.requested else latest.error
         if playing is not None and sweep is not None and (state.now >= playing.due or error is not None):
             self._step(playing, sweep, state.now, error is not None)
         label, icon = ("Stop", viser.Icon.PLAYER_PAUSE) if self.playing else (self._label, viser.Icon.PLUS)

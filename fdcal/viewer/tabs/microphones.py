@@ -6,15 +6,12 @@ The tables have the positions, gain, phase and noise of each channel, and the co
 from html import escape
 
 import numpy as np
-import viser
-from viser import uplot
 
 from ...assessment.calibration import Channels
-from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, errors_by_distance, lesson_panel, named, row, table
+from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, lesson_panel, named, row, table
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ..html import CARD
-from ..plots import BLUE, RED, Plot, decades_of, dots
 from ..scheduler import Memo
 from ..state import Binding, PageState, Tab
 
@@ -74,32 +71,16 @@ def _millimetres(length: float) -> str:
     return text if length >= FINEST or text == "0" else f"&lt; {mm_text(FINEST)}"
 
 
-def distance_plot(gui: viser.GuiApi, measurement: Measurement) -> Plot | None:
-    """Return the plot of the paper's Fig. 5: errors now, and their mean over the run, on one logarithmic axis.
-
-    Return None for an array without true positions or without known microphones.
-    """
-    if measurement.positions is None or not len(measurement.known):
-        return None
-    series = (
-        uplot.Series(label="distance (m)"),
-        uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
-        uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
-    )
-    title = f"Error (mm) against distance from known microphone {measurement.known[0]}"
-    return Plot(gui, title, series, "distance (m)")
-
-
 class MicrophonesTab(Tab):
-    """Owns the plot and the tables."""
+    """Owns the chart of the errors over the distance and the tables."""
 
     part, where = "microphones", "Mics"
     interval = 0.3
 
     def __init__(self, binding: Binding):
         self._binding, self._panel, gui = binding, Memo(), binding.gui
-        self.by_distance = distance_plot(gui, binding.measurement)
-        self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
+        self.by_distance, self.table = gui.add_html(""), gui.add_html("")
+        self.channels, self.given = gui.add_html(""), gui.add_html("")
 
     def panel(self, name: str) -> str:
         """Return the panel of a lesson, by its name in `LessonSetting.panel`; "" while its content is not known."""
@@ -118,9 +99,7 @@ class MicrophonesTab(Tab):
         """Update plot and tables."""
         view, measurement = tick.view, self._binding.measurement
         found = tick.found if tick.axes is not None else None
-        drawn = self.by_distance and errors_by_distance(measurement, view.history[: view.index + 1])
-        if self.by_distance is not None and drawn is not None:
-            self.by_distance.show(drawn, decades_of(*drawn[1:]))
+        self.by_distance.content = lesson_panel("distance", measurement, view.history[: view.index + 1], None)
         sigma, channels = (None, None) if found is None else (found.uncertainty, found.channels)
         sought = slice(None) if tick.sought is None else tick.sought
         positions = np.asarray(view.state.positions)

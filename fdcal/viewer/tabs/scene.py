@@ -1,13 +1,15 @@
 """The tab Scene: array, walls, noise and known microphones of the scene; Apply simulates the changed scene."""
 
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import viser
 
 from ...model.scene import MEASURED_AND_MODELLED, WALLS, MeasuredScene, Scene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
-from ...session.scene_edits import SceneParameters, min_known, parameters_of, with_parameters
+from ...session.scene_edits import min_known, parameters_of, with_parameters
 from ...session.sources import OpenRequest
 from .. import html
 from ..state import Binding, Tab
@@ -101,6 +103,7 @@ class SceneTab(Tab):
         self.seed.value = min(parameters.seed, MAX_SEED)
         self.refresh()
         self.known.value = parameters.known
+        self._shown = self._values()
 
     def refresh(self) -> None:
         """Adapt visibility and limits of the controls to their values.
@@ -123,21 +126,19 @@ class SceneTab(Tab):
         except (InputError, StorageError) as error:
             self.message.content = html.complaint(error)
 
-    @property
-    def parameters(self) -> SceneParameters:
-        """The parameters of the controls; a control that was not changed gives the scene's value, not rounded."""
-        old, count = parameters_of(self._scene), self.microphones.value
-        absorbing = self.walls.value == "absorbing" and self._scene.room.response is None
-        return SceneParameters(
-            microphones=old.microphones if self.microphones.disabled else count,
-            radius=_unless_same(float(np.clip(self.radius.value, *RADII)), old.radius, 1e-4),
-            walls=self.walls.value if self._scene.room.response is None else old.walls,
-            absorption=_unless_same(self.absorption.value / 100, old.absorption, 1e-4) if absorbing else old.absorption,
-            snr_db=_unless_same(float(self.snr.value), old.snr_db, 0.5) if self.noise.value else math.inf,
-            sound_speed_error=_unless_same(self.speed.value / 100, old.sound_speed_error, 1e-5),
-            known=min(max(self.known.value, min_known(self._scene)), max(count - 1, 1)),
-            seed=self.seed.value,
-        )
+    def _values(self) -> dict[str, Any]:
+        """Return the parameters of the scene as the controls show them, rounded."""
+        absorbing = self.walls.value == "absorbing"
+        return {
+            "microphones": self.microphones.value,
+            "radius": float(np.clip(self.radius.value, *RADII)),
+            "walls": self.walls.value,
+            "absorption": self.absorption.value / 100 if absorbing else None,
+            "snr_db": float(self.snr.value) if self.noise.value else math.inf,
+            "sound_speed_error": self.speed.value / 100,
+            "known": min(max(self.known.value, min_known(self._scene)), max(self.microphones.value - 1, 1)),
+            "seed": self.seed.value,
+        }
 
     def _check_radius(self) -> bool:
         """Return whether the radius is possible; if not, show a message."""
@@ -157,15 +158,14 @@ class SceneTab(Tab):
         if not self._check_radius():
             return
         try:
-            scene = with_parameters(self._scene, self.parameters)
+            # What was not changed stays exactly as it is in the scene.
+            values, measured = self._values(), ("walls", "absorption") if self._scene.room.response is not None else ()
+            changed = {key: value for key, value in values.items() if value not in (None, self._shown[key])}
+            changed = {key: value for key, value in changed.items() if key not in measured}
+            scene = with_parameters(self._scene, replace(parameters_of(self._scene), **changed))
         except InputError as error:
             of_the_file = "." in error.key or error.key == "array"
             self.message.content = html.complaint(InputError(error.problem, SMALLER) if of_the_file else error)
             return
         self.message.content = ""
         self._binding.open(OpenRequest(scene, fewer_modes=True))
-
-
-def _unless_same(value: float, old: float, rounding: float) -> float:
-    """Return the scene's own value if the control shows that value, rounded."""
-    return old if abs(value - old) <= rounding else value

@@ -46,7 +46,6 @@ class ViewTab(Tab):
         hint = "Path of each estimate over the last 200 states"
         self.trails = binding.choice("Trails", "trails", command="trails", hint=hint)
         self.ellipses = binding.choice("Error ellipses (95\N{NO-BREAK SPACE}%)", "ellipses", hint=ELLIPSES_LATER)
-        self.ellipses_text = gui.add_html("", visible=False)
         self.refresh()
 
     def darken(self, dark: bool, preferred: bool = False) -> None:
@@ -58,14 +57,6 @@ class ViewTab(Tab):
         """Let the theme follow the choices."""
         dark = self._binding.choices.dark
         self._binding.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
-
-    def show(self, tick: PageState) -> None:
-        """Say how large the ellipses are, or that they come later."""
-        wanted, text = self._binding.choices.ellipses, ELLIPSES_LATER
-        if tick.view.state.finished:
-            text = "" if tick.picture is None else dict(tick.picture.captions).get("ellipses", "")
-        self.ellipses_text.content = html.remark(text)
-        self.ellipses_text.visible = wanted and bool(text)
 
 
 def caption(state: PageState) -> str:
