@@ -273,7 +273,7 @@ def test_a_worker_reports_an_exception_and_continues_and_logs_only_what_its_call
     worker = LatestWorker(lambda cause: cause if isinstance(cause, int) else (_ for _ in ()).throw(cause))
     worker.request(error)
     assert worker.wait_for(lambda latest: latest is not None, WAIT)
-    assert worker.latest.cause is error and not caplog.records
+    assert worker.latest.error is error and not caplog.records
     worker.request(RuntimeError("a fault"))
     assert worker.wait_for(lambda latest: "a fault" in str(latest.error), WAIT)
     assert "a fault" in caplog.text and "Traceback" in caplog.text and worker.latest.result is None
