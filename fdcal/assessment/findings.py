@@ -3,7 +3,7 @@
 good                no check contradicts the result
 odd_channel         no position in the known room explains the pressures of a microphone
 too_noisy           most of the signal is noise
-undersampled        the array cannot interpolate the frequencies in use (Eq. 9)
+undersampled        the solver interpolates (Eq. 7), and the array cannot at the frequencies in use (Eq. 9)
 not_converged       the solver stopped while microphones still moved
 known_position      a given position contradicts the recordings, or its channel is swapped
 sound_speed         the given positions or the given distance imply a sound speed that is hardly possible
@@ -24,7 +24,6 @@ import numpy as np
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
-from ..model.problem import Problem
 from ..model.validation import length_text
 from ..solvers.interface import Estimate, RoomEstimate, TriedOptimum
 from .calibration import OF_LIST, ChannelFault
@@ -39,7 +38,6 @@ CAUSES = (
 )
 ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
-MODES_MARGIN = 0.9  # fraction of f_max up to which a second run uses modes
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -236,15 +234,6 @@ def rms_radius(positions: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
 
 
-def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
-    """Return the number of modes well below f_max (Eq. 9) of an array found at `positions` (N, D), metres.
-
-    With fewer modes the solver finds a slightly different array with another limit, which the margin allows for.
-    """
-    limit = array_f_max(positions, problem.sound_speed, problem.dimension)
-    return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
-
-
 def _undersampled(seen: Judged) -> str:
     count, limit, highest = np.sum(seen.healthy), f"{seen.f_max:.0f} Hz (Eq. 9)", f"{seen.highest:.0f} Hz"
     return f"{count} microphones so far apart interpolate up to {limit}, but modes up to {highest} are in use"
@@ -370,7 +359,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
-    Finding("undersampled", lambda seen, _: seen.by_rows and seen.highest > seen.f_max, _undersampled,
+    Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max, _undersampled,
             "use more microphones closer together", reason="modes above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: "the solver ended while microphones still moved, by up to"

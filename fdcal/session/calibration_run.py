@@ -14,7 +14,6 @@ from .. import solvers
 from ..acoustics.compiled import OutOfTime, check_deadline, deadline
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
-from ..assessment.findings import modes_below_limit
 from ..cost.eq7 import reference_cost_of
 from ..model.gauge import move_to_frame, principal_axes, turn_to_frame
 from ..model.measurement import Measurement, check_channels, microphone_index
@@ -23,7 +22,7 @@ from ..model.settings import SolverSettings, search_around
 from ..model.validation import InputError, Metres, Seconds, convert, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import RunState, ended_early, time_limit
-from ..solvers.requirements import check_solvable, needed_modes
+from ..solvers.requirements import check_solvable
 from .process import interrupts, one_blas_thread
 from .sources import CalibrationInput, ProgressReport
 
@@ -175,28 +174,11 @@ def solve(
         convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
     with one_blas_thread():
-        # Before the first run the size of the array is estimated from the coherence only. If nobody chose the number of
-        # modes and enough time is left, a second run uses the modes that the array found can interpolate.
-        note = ""
-        while True:
-            limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
-            state, stopped, end = last_state(inputs, progress, problem, clock)
-            with interrupts() as interrupt:  # an interrupt must not discard the positions that were found
-                found = assess_state(inputs, problem, state, wording)
-            if stopped:
-                found = replace(found, verdict="not_converged", message=stopped)
-            rerun = inputs.all_modes and found.verdict == "undersampled" and not interrupt.is_set()
-            left = end - clock() if rerun else -np.inf
-            faulty = found.channels.faulty if found.channels else ()  # the position of a dead one is arbitrary
-            healthy = found.positions[[name not in faulty for name in inputs.measurement.names]]
-            fewer = modes_below_limit(problem, healthy) if left >= limit / 2 else 0
-            if not needed_modes(problem) <= fewer < inputs.settings.modes:
-                break
-            settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
-            inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
-            above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz"
-            note = f"; {above} are left out, since the array found cannot interpolate all of them (Eq. 9)"
-        found = replace(found, message=found.message + note)
+        state, stopped = last_state(inputs, progress, problem, clock)
+        with interrupts():  # an interrupt must not discard the positions that were found
+            found = assess_state(inputs, problem, state, wording)
+        if stopped:
+            found = replace(found, verdict="not_converged", message=stopped)
         if progress is not None:
             progress(1.0, "done")
     measurement = inputs.measurement
@@ -235,8 +217,8 @@ def solve(
 
 def last_state(
     inputs: CalibrationInput, progress: ProgressReport | None, problem: Problem, clock: Callable[[], float]
-) -> tuple[RunState, str, float]:
-    """Return the last state of a run, why it was stopped ("" if the solver finished), and its deadline.
+) -> tuple[RunState, str]:
+    """Return the last state of a run, why it was stopped ("" if the solver finished).
 
     InputError if the time is used up before there are positions.
     """
@@ -254,12 +236,12 @@ def last_state(
             remedy = f"use <time_limit> {LONGER * limit:g}, or fewer microphones (<exclude>)"
             raise InputError(fault, remedy, key="time_limit") from None
         why = f"the solver was stopped after {limit:g} s of processor time; use <time_limit> {LONGER * limit:g}"
-        return ended_early(state), why, end
+        return ended_early(state), why
     except KeyboardInterrupt:
         if state is None:
             raise
-        return ended_early(state), "the solver was interrupted; these are the best positions so far", end
-    return state, "", end
+        return ended_early(state), "the solver was interrupted; these are the best positions so far"
+    return state, ""
 
 
 def cost_in_decibels(found: Assessment) -> float | None:

@@ -43,7 +43,7 @@ class CalibrationInput:
     # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
     # unless given
     time_limit: float | None = None
-    all_modes: bool = False  # whether nobody chose the number of modes, so that array and solver determine it
+    all_modes: bool = False  # whether nobody chose the number of modes, so that it follows from the solver
     # how reports of errors call the positions of the measurement; "" for the true or the nominal positions
     compared_with: str = ""
     remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
@@ -106,7 +106,7 @@ def measurement_input(
     excluded: tuple[str, ...] = (),
     settings: SolverSettings | None = None,
 ) -> CalibrationInput:
-    """Return a measurement with settings that suit it: all modes, up to what the array can interpolate."""
+    """Return a measurement with settings that suit it: the modes that the solver can use."""
     settings = settings or SolverSettings()
     if settings.modes != ALL_MODES:
         modes = min(settings.modes, len(measurement.frequencies))

@@ -56,7 +56,8 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
         return settings
     from .requirements import mode_count
 
-    modes = mode_count(problem, load(settings.name).usable_modes(problem, settings))
+    solver = load(settings.name)
+    modes = mode_count(problem, solver.usable_modes(problem, settings), not solver.TRAITS.uses_likelihood)
     return replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
 
 

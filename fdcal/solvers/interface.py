@@ -142,6 +142,7 @@ class Estimate:
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]  # the likeliest first
     window_ratio: float = 0.0  # factor on the covariances of short windows and modes; 0 where no windows are used
+    interpolates: bool = False  # whether the solver interpolates the field between microphones (Eq. 7)
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,17 @@ from ..model.validation import LIMITS, InputError
 from .starts import singular_vectors
 
 
-def mode_count(problem: Problem, usable: int) -> int:
+def mode_count(problem: Problem, usable: int, interpolates: bool) -> int:
     """Return how many of the lowest modes a calibration uses unless their number is given.
 
-    It is limited by what the array can interpolate, by the number `usable` that the solver can use, and by memory.
+    It is limited by the number `usable` that the solver can use, by memory and, if the solver `interpolates` the field
+    between microphones, by Eq. 9.
     """
     measured, microphones = problem.pressures.shape
-    interpolated = int(np.sum(problem.frequencies <= highest_frequency(problem)))
-    return max(1, min(measured, usable or measured, interpolated or measured, int(LIMITS.pairs // microphones**2)))
+    count = min(measured, usable or measured, int(LIMITS.pairs // microphones**2))
+    if interpolates:
+        count = min(count, int(np.sum(problem.frequencies <= highest_frequency(problem))) or count)
+    return max(1, count)
 
 
 RADIUS_FACTOR = 1.5  # factor by which the radius from the coherence may be too large

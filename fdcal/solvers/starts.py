@@ -13,7 +13,7 @@ coherence  In a diffuse field two microphones at a distance r have the coherence
            1977) then uses far pairs where they are consistent.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations, combinations_with_replacement
 
 import numpy as np
@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import shortest_path
 from ..acoustics.compiled import check_deadline
 from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
-from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
+from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
 from ..model.validation import Complexes, InputError, Numbers, Reals
@@ -39,36 +39,49 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-# numbers of lowest modes in an affine start, by dimension of the field: the first choice, then alternatives
-LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}
+LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes in affine starts, by dimension of the field
+# Random starts, and the numbers of lowest modes with which they begin. Without them the arrays of 4 of 512 cases are
+# lost; more microphones need more time for each start, and fewer starts.
+RANDOM_STARTS = 32
+RANDOM_SIZE = 24  # number of microphones above which there are fewer random starts
+RANDOM_LOWEST = (3, 5, 8)
+COHERENCE_LOWEST = 5
 
 
-def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple[str, int]]:
-    """Return the starts in the order in which they are tried: the kind of each, and the number of modes that it uses.
+@dataclass(frozen=True)
+class Start:
+    """How one start is computed."""
 
-    The first two are of different kinds, so that their agreement means more. `affine_first` is for matched channels:
-    unequal ones distort the affine image.
+    kind: str  # "affine", "coherence" or "random"
+    number: int  # of the modes used, or of a random start
+    lowest: int  # number of the lowest modes to which it is fitted first
+    given: bool = False  # whether given positions determine it
+
+
+def plan(problem: Problem, modes: int) -> list[Start]:
+    """Return the starts of a problem whose `modes` lowest modes are in use."""
+    whole, half = (Start("coherence", n, COHERENCE_LOWEST) for n in (modes, max(modes // 2, 1)))
+    kinds = (True, False) if len(problem.known) else (False,)
+    counts = dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])
+    first, *others = [[Start("affine", n, max(n // 2, 1), given) for given in kinds] for n in counts]
+    count = RANDOM_STARTS * RANDOM_SIZE**2 // max(problem.pressures.shape[1], RANDOM_SIZE) ** 2
+    drawn = [Start("random", n, RANDOM_LOWEST[n % len(RANDOM_LOWEST)]) for n in range(count)]
+    return [whole, *first, half, *(one for pair in others for one in pair), *drawn]
+
+
+def start(problem: Problem, modes: int, noise: float | None, one: Start) -> np.ndarray:
+    """Return the positions (N, D), metres, of one start; noise : reported noise fraction, or None.
+
+    InputError if the modes do not determine it.
     """
-    counts = list(dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension]))
-    kinds = ("map", "metric") if len(problem.known) else ("metric",)
-    affine_starts = [(kind, n) for n in counts for kind in kinds]
-    first = [affine_starts[0], ("coherence", modes)] if affine_first else [("coherence", modes), affine_starts[0]]
-    return [*first, affine_starts[1], ("coherence", modes // 2), *affine_starts[2:]]
-
-
-def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
-    """Return the positions (N, D), metres, of one start.
-
-    kind, lowest : as of `plan`; noise : reported noise fraction, or None
-    """
-    if kind == "map":
-        return affine(problem, modes, lowest)
-    if kind == "coherence":
-        used, D = slice(0, modes, modes // lowest), problem.array_dimension
-        x = coherence_start(problem.pressures[used], problem.wavenumbers[used], noise, problem.dimension, D)
-    else:
-        x = affine(without_given(problem), modes, lowest)
-    return aligned(problem, x) if len(problem.known) else x
+    if one.kind == "affine":
+        return affine(problem, modes, one.number)
+    D, every = problem.array_dimension, modes // one.number if one.kind == "coherence" else 1
+    p, k = problem.pressures[:modes:every], problem.wavenumbers[:modes:every]
+    x = coherence_start(p, k, noise, problem.dimension, D)
+    if one.kind == "random":
+        return np.sqrt(np.mean(x**2)) * np.random.default_rng(one.number).standard_normal(x.shape)
+    return x
 
 
 def without_given(problem: Problem) -> Problem:
@@ -120,46 +133,35 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
 METRIC_MODES = 28  # modes to which the metric is first fitted, before all modes are used
 # factors on the first guess of the size that are tried; the guess is too large where the field is not quite affine
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-FIRST_NOISE = 0.1  # noise fraction that is assumed in the first fit
+METRIC_STEPS = 12  # steps of a fit of the metric at most
+METRIC_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further
+METRIC_PRESSURES = 4000  # approximate number of pressures in a fit; every n-th mode is used where there are more
+MIN_MODES = 24  # least number of modes in a fit, if there are as many
+MAX_UNEXPLAINED = 0.5  # largest noise fraction of a mode in a fit
 
 
 def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowest: int) -> np.ndarray:
     """Return the shape of `singular_vectors` with the likeliest metric : (N, D), metres."""
-    N, D = shape.shape
-    k = np.real(problem.wavenumbers)
-    guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
+    (N, D), k, first = shape.shape, np.real(problem.wavenumbers), min(METRIC_MODES, modes)
     axes, pairs = np.eye(D), combinations_with_replacement(range(D), 2)
     maps = [np.maximum(np.outer(axes[a], axes[b]), np.outer(axes[b], axes[a])) for a, b in pairs]
     basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
-    residual = None
-    for count in (METRIC_MODES, METRIC_MODES, modes, modes):
-        several = min(count, modes)
-        # A fit of few parameters needs about METRIC_PRESSURES pressures: every `apart`-th mode is used.
-        apart = min(several * N // METRIC_PRESSURES, several // MIN_MODES)
-        used = np.arange(several)[:: max(1, apart)]
-        p, fraction = problem.pressures[used], np.full(len(used), FIRST_NOISE)
-        if residual is not None:  # unexplained fraction of the power
-            unexplained = residual.noise_fraction + (k[used] * residual.spread) ** 2 / problem.dimension
-            fraction = np.minimum(unexplained, 0.5)
-        field = isotropic_field(p, k[used], fraction * mode_power(p), problem.dimension)
-        if residual is None:
-            sizes = [scale * guess for scale in SCALES]
-            guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
-        guess = _fitted(guess, p, field, basis)
-        used = np.arange(several)[:: max(1, -(-several // NOISE_MODES))]
+
+    def unexplained(x: Reals, count: int) -> tuple[Complexes, FieldModel, NoiseEstimate]:
+        """Return some pressures in unit power, an isotropic field without noise, and what this leaves unexplained."""
+        used = np.arange(count)[:: max(1, min(count * N // METRIC_PRESSURES, count // MIN_MODES))]
         p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
-        field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
-        residual = estimate_noise(guess, p, field, DIFFUSE_FLOOR)
-    return guess
+        field = isotropic_field(p, k[used], np.zeros(len(p)), problem.dimension)
+        return np.asarray(p, complex), field, estimate_noise(x, p, field, DIFFUSE_FLOOR)
 
-
-METRIC_PRESSURES = 4000  # approximate number of pressures to which a metric is fitted
-MIN_MODES = 24  # least number of modes to which a metric is fitted
-NOISE_MODES = 24  # modes from which the noise is estimated
-
-
-METRIC_STEPS = 12  # steps of the fit of the metric at most
-METRIC_TOLERANCE = 3e-3  # metres; the fit ends when no coordinate moves further
+    guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
+    x = min((scale * guess for scale in SCALES), key=lambda x: unexplained(x, first)[2].cost)
+    for count in (first, first, modes, modes):
+        p, field, residual = unexplained(x, count)
+        fraction = residual.noise_fraction + (field.wavenumbers * residual.spread) ** 2 / problem.dimension
+        noise = np.minimum(fraction, MAX_UNEXPLAINED)
+        x = _fitted(x, p, replace(field, noise=noise, power=1 - noise), basis)
+    return x
 
 
 def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Reals) -> np.ndarray:

@@ -146,7 +146,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("model_mismatch", "no sound field without sources explains", lambda e: with_channel_noise(e, 3, 1e4)),
     ("model_mismatch", "7 of 20 channels are faulty", lambda e: with_inverted(e, 7)),
     ("model_mismatch", "8 of 20 microphones", lambda e: with_channel_noise(e, 8, 6.0)),
-    ("undersampled", "Eq. 9", lambda e: with_frequencies(e, 10.0)),
+    ("undersampled", "Eq. 9", lambda e: replace(with_frequencies(e, 10.0), interpolates=True)),
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
     ("known_position", "known microphone 0 and 5", lambda e: with_given_moved(e, 2)),
     ("known_position", "would disagree so in 1 of 1000", lambda e: with_agreement(e, 1e-3)),
@@ -201,7 +201,7 @@ def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
     for lost, verdict in (
         (replace(moved, converged=False), "not_converged"),
         (with_step(moved, 5.0), "not_converged"),
-        (with_frequencies(moved, 10.0), "undersampled"),
+        (replace(with_frequencies(moved, 10.0), interpolates=True), "undersampled"),
     ):
         found = assess(lost)
         assert found.verdict == verdict and found.channels.faults == ()

@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fields import waves
 
 import fdcal
 from fdcal import solvers
-from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.measurement import Measurement, load_measurement, save_measurement
+from fdcal.model.measurement import load_measurement, save_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
@@ -72,49 +70,6 @@ def test_solver_robust_estimates_the_sound_speed_too(given):
 
 
 # Modes that the array found cannot interpolate are left out where their number was left open, and that is said.
-
-
-SPEED, COUNT, MODES = 343.0, 16, 42
-
-
-@pytest.fixture(scope="module")
-def wide() -> Measurement:
-    """A ball of microphones in a diffuse field at frequencies up to a tenth above f_max of Eq. 9, SNR 50 dB."""
-    rng = np.random.default_rng(0)
-    x = rng.normal(size=(COUNT, 3))
-    x *= (0.3 * rng.uniform(0.3, 1, COUNT) ** (1 / 3) / np.linalg.norm(x, axis=1))[:, None]
-    f = np.linspace(150, 1.1 * array_f_max(x, SPEED, 3), MODES)
-    p = waves(x, 2 * np.pi * f / SPEED, 200, rng, 1e-5)
-    return Measurement(f, p, SPEED, 3, positions=x, known=range(5), known_positions=x[:5])
-
-
-def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide, remembered_runs):
-    found = fdcal.calibrate(wide)
-    assert found.verdict in ("good", "ambiguous") and found.rms_error is not None and found.rms_error < 0.01
-    assert len(found.frequencies) < MODES and found.frequencies[-1] < array_f_max(wide.positions, SPEED, 3)
-    assert f"{MODES - len(found.frequencies)} modes above" in found.verdict_text and "Eq. 9" in found.verdict_text
-
-
-def test_a_number_of_modes_that_was_asked_for_is_kept(wide):
-    found = fdcal.calibrate(wide, modes=MODES)
-    assert (len(found.frequencies), found.verdict) == (MODES, "undersampled")
-
-
-def test_a_dead_channel_takes_no_modes_from_the_others(wide, remembered_runs):
-    """It may stand anywhere, also far from the array, whose size sets the highest frequency."""
-    pressures, rng = np.array(wide.pressures), np.random.default_rng(1)
-    pressures[:, 9] = rng.normal(size=(2, MODES)).T @ [1, 1j]
-    found, alone = (fdcal.calibrate(replace(wide, pressures=p)) for p in (pressures, wide.pressures))
-    assert [fault.name for fault in found.channels.faults] == ["9"]
-    assert 0.8 * len(alone.frequencies) <= len(found.frequencies) <= len(alone.frequencies)
-
-
-def test_where_too_few_modes_can_be_interpolated_none_is_left_out(wide):
-    ratio = wide.frequencies / array_f_max(wide.positions, SPEED, 3)
-    rows = np.append(np.flatnonzero(ratio < 0.8)[-10:], np.flatnonzero(ratio > 1.03))
-    few = replace(wide, frequencies=wide.frequencies[rows], pressures=wide.pressures[rows])
-    found = fdcal.calibrate(few)
-    assert (len(found.frequencies), found.verdict) == (len(rows), "undersampled")
 
 
 # A scene that is a measurement: opened by its name like any other, simulated by nothing.

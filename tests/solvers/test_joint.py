@@ -19,7 +19,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import joint as joint
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.state import STAGES
+from fdcal.solvers.robust.state import SEARCH
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (28, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -70,11 +70,10 @@ def test_known_microphones_never_move_though_their_channels_record_only_noise_or
 def test_a_step_never_raises_what_it_minimises(clean):
     """Power and noise of the field are learned between two steps, so that each has an objective of its own."""
     problem = in_unit_power(measured(TRUTH, KNOWN).problem())
-    same = [(a, b) for a, b in pairwise(clean) if a.stage == b.stage]
+    same = [(a, b) for a, b in pairwise(clean) if a.stage == b.stage and a.progress.stage != SEARCH]
     assert len(same) > 4
     for before, after in same:
-        stage = STAGES[before.progress.stage]
-        goal = objective_of(problem, before, used_modes(problem, before, stage.modes))
+        goal = objective_of(problem, before, used_modes(problem, before))
         here, there = (goal.evaluate(unknowns_of(state), False).cost for state in (before, after))
         assert there == pytest.approx(after.cost, rel=1e-12) and there <= here
 
@@ -169,12 +168,12 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     assert same_state(*own, but=("seed",))
 
 
-def test_a_random_start_in_a_wrong_basin_is_followed_by_every_start_of_the_plan():
-    """It takes no place in the plan: the first start of that explains this array without noise."""
+def test_a_random_start_in_a_wrong_basin_is_followed_by_the_starts_of_the_solver():
+    """The likeliest of these explains this array without noise."""
     measurement = simulated_square()
     settings = SolverSettings(name="joint", modes=57, start="random")
     states = list(solvers.run(measurement.problem(), settings, 1))
-    assert {state.progress.restart for state in states} == {-1, 0}
+    assert {state.progress.restart for state in states} == {0, 1}
     assert states[-1].converged and position_errors(states[-1].positions, measurement.positions).max() < 5e-4
 
 

@@ -13,7 +13,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import robust as solver
 from fdcal.solvers.robust.arrivals import Arrivals, arrivals_of, updated_sigma
-from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns, free_directions
+from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns
 
 COUNT, MODES = 7, 9
 KNOWN = np.array([0, 2, 5])
@@ -131,7 +131,7 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
     assert one.cost == other.cost and np.array_equal(one.matrix, other.matrix)
     assert goal.priors.constrained.tolist() == KNOWN.tolist() and not len(objective().priors.constrained)
     index = np.arange(here.vector.size - 1).reshape(COUNT, -1)
-    free = free_directions(here, goal.priors.constrained)
+    free = goal.free(here)
     assert not np.isin(index[KNOWN, :2], free).any() and np.isin(index[[1, 3, 4, 6], :2], free).all()
     assert np.isin(index[:, 2:4], free).all(), "their gains are sought"
     assert set(free) & set(index[:, 4:].ravel()) == set(index[:, 4:][here.channels[:, 2:] != 0])

@@ -43,9 +43,10 @@ def test_all_modes_that_the_array_can_interpolate_are_used_and_a_number_that_is_
 
 
 @pytest.mark.parametrize("known", [(), (0, 7, 13, 22)])
-def test_modes_far_beyond_the_array_are_left_out(known):
+def test_modes_far_beyond_the_array_are_left_out_by_a_solver_that_interpolates(known):
     beyond, limit = measurement(8.0, modes=400, known=known)
-    count = measurement_input(beyond).settings.modes
+    count = measurement_input(beyond, settings=SolverSettings("descent")).settings.modes
+    assert measurement_input(beyond).settings.modes == 400, "a likelihood interpolates nothing"
     assert limit < beyond.frequencies[count] < 3 * limit, "the radius is estimated to a factor of 1.5, on the safe side"
 
 
@@ -71,7 +72,7 @@ def test_no_solver_is_given_more_modes_than_it_can_use():
 def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):
     found = fdcal.load("tiny")
     monkeypatch.setattr("fdcal.solvers.requirements.LIMITS", dataclasses.replace(LIMITS, pairs=25 * found.count**2))
-    assert mode_count(found.problem(), 36) == 25
+    assert mode_count(found.problem(), 36, False) == 25
 
 
 @pytest.mark.parametrize("name", [name for name in scene_names() if name not in PAPER])

@@ -123,7 +123,7 @@ def test_scaling_the_pressures_changes_nothing():
     np.testing.assert_allclose(first.positions, second.positions, atol=1e-6)
 
 
-def test_without_noise_one_restart_that_explains_all_is_enough():
+def test_without_noise_the_starts_agree_and_one_restart_is_enough():
     quiet = measured()
     p = rigid_room(quiet.positions, SOURCE, quiet.wavenumbers, SIZE)
     measurement = replace(quiet, pressures=p, noise_power=np.zeros(MODES))

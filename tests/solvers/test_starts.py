@@ -1,6 +1,7 @@
-"""Laws of the starts, affine and of the coherence, and of the deformations of an array."""
+"""Laws of the starts: affine, of the coherence, random, and what follows from many of them."""
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import starts
-from fdcal.solvers.robust.objective import polynomial_deformations
+from fdcal.solvers.robust import schedule
+from fdcal.solvers.robust.state import SEARCH
 
 KNOWN = [0, 1, 2, 3]
 
@@ -71,66 +73,6 @@ def test_a_random_start_fills_the_search_domain_and_keeps_the_known():
     refuses("needs a search domain", lambda: starts.random(replace(problem, search=None), np.random.default_rng(0)))
 
 
-@pytest.mark.parametrize("degree", [2, 3])
-@pytest.mark.parametrize("D", [2, 3])
-def test_deformations_are_orthonormal_and_contain_the_affine_maps_and_curved_ones(D, degree):
-    x = np.random.default_rng(1).uniform(-0.5, 0.5, (60, D)) + 3.0
-    basis = polynomial_deformations(x, np.zeros(0, int), degree)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
-    for column in np.column_stack([x, np.ones(len(x))]).T:
-        for coordinate in np.eye(D):
-            move = np.outer(column, coordinate).ravel()
-            np.testing.assert_allclose(basis @ (basis.T @ move), move, atol=1e-9 * np.abs(move).max())
-    if (D, degree) == (2, 3):
-        assert polynomial_deformations(x[:8], np.zeros(0, int), 3).shape == (16, 6), "few deform by a lower degree"
-    assert basis.shape[1] == D * {(2, 2): 6, (2, 3): 10, (3, 2): 10, (3, 3): 20}[D, degree]
-
-
-@pytest.mark.parametrize("held", [[0, 1, 2], list(range(0, 60, 5))])
-def test_deformations_leave_microphones_that_stay_in_place_and_stay_smooth(held):
-    x = np.random.default_rng(1).uniform(-0.5, 0.5, (60, 2)) + 3.0
-    basis = polynomial_deformations(x, np.array(held), 2)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
-    moves = basis.T.reshape(-1, 60, 2)
-    assert not np.any(moves[:, held]) and 0 < len(moves) <= 12
-    ordered = np.argsort(np.linalg.norm(x[:, None] - x, axis=-1), axis=1)
-    near, far = (np.mean(np.sum((moves - moves[:, ordered[:, i]]) ** 2, axis=-1)) for i in (1, 30))
-    assert near < far / 3
-
-
-def test_an_array_is_found_though_the_source_hardly_excites_one_direction():
-    """Waves along x in all but the high modes: the second strongest direction is the curvature along x, not y."""
-    rng = np.random.default_rng([2, 24])
-    truth = rng.uniform(-0.5, 0.5, (24, 2))
-    frequencies = np.linspace(30, 250, 40)
-    k = 2 * np.pi * frequencies / 343.0
-    pressures = np.empty((40, 24), complex)
-    for m in range(40):
-        if m < 28:
-            x, y = k[m] * truth.T
-            a = rng.normal(size=4) + 1j * rng.normal(size=4)
-            pressures[m] = a[0] * np.cos(x) + a[1] * np.sin(x) + 0.03 * (a[2] * np.cos(y) + a[3] * np.sin(y))
-        else:
-            angles = 2 * np.pi * rng.random(30)
-            a = rng.normal(size=30) + 1j * rng.normal(size=30)
-            pressures[m] = np.exp(-1j * k[m] * truth @ np.array([np.cos(angles), np.sin(angles)])) @ a
-    noise = np.mean(np.abs(pressures) ** 2, axis=1) * 1e-4
-    draws = rng.normal(size=pressures.shape) + 1j * rng.normal(size=pressures.shape)
-    measurement = Measurement(
-        frequencies=frequencies,
-        pressures=pressures + np.sqrt(noise / 2)[:, None] * draws,
-        sound_speed=343.0,
-        wavenumbers=k.astype(complex),
-        noise_power=noise,
-        positions=truth,
-        known=KNOWN,
-    )
-    last = list(solvers.run(measurement.problem(), SolverSettings(name="joint", modes=40), 0))[-1]
-    assert last.converged and position_errors(last.positions, truth).max() < 0.02
-
-
-# The coherence start: right for arrays of several wavelengths, where an affine image of the low modes is not.
-
 FREQUENCIES = np.linspace(40.0, 320.0, 48)
 K = 2 * np.pi * FREQUENCIES / 343.0
 
@@ -159,6 +101,45 @@ def test_an_array_of_three_wavelengths(noise):
     assert rms_of_shape(unknown, x) < 0.2, "the noise is chosen by likelihood where none is reported"
     problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
     assert rms_of_shape(starts.affine(problem, len(K)), x) > 0.4, "the low modes are not affine over so large an array"
+
+
+def three_wavelengths(noise=1e-4, known=(), wrong=0.0):
+    """A problem of 42 microphones over 3.2 m, the first state of the solver at the truth, and the truth (N, 2)."""
+    x = np.random.default_rng(6).uniform(0, 3.2, (42, 2))
+    p, given = waves(x, K, 40, np.random.default_rng(1), noise), list(known)
+    places = x[given] + wrong * (np.arange(len(given)) == 1)[:, None] if given else None
+    problem = Measurement(FREQUENCIES, p, 343.0, known=given, known_positions=places).problem("unit")
+    settings = SolverSettings(name="robust", modes=len(K))
+    return problem, solvers.load("robust").init(problem, settings, 0, x), x
+
+
+def searched(problem, state):
+    """The first restart after the search for starts."""
+    state = replace(state, progress=replace(state.progress, stage=SEARCH, steps=0))
+    while state.progress.stage == SEARCH:
+        state = schedule.search(problem, state)
+    return state
+
+
+def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_misses():
+    problem, state, x = three_wavelengths()
+    start = x + np.random.default_rng(2).normal(0, 0.5, x.shape)
+    (first, cost), (at_once, other) = (schedule.continued(problem, state, start, n) for n in (5, len(K)))
+    assert rms_of_shape(first.positions, x) < 5e-3 < 0.2 < rms_of_shape(at_once.positions, x)
+    assert cost < other - schedule.WORSE, "the likelihood tells which of them is right"
+
+
+def test_the_likeliest_candidate_is_the_array_and_others_are_different_arrays():
+    problem, state, x = three_wavelengths(0.1)
+    begun = searched(problem, state)
+    assert rms_of_shape(begun.positions, x) < 0.03 and len(begun.starts) < schedule.MAX_RESTARTS
+    for one, other in combinations(begun.starts, 2):
+        assert one.cost < other.cost and not schedule.same_array(problem, other, one.positions)
+
+
+def test_a_wrong_given_position_moves_no_other_microphone_of_the_likeliest_candidate():
+    problem, state, x = three_wavelengths(known=(0, 5, 9, 14, 20), wrong=0.3)
+    assert np.delete(position_errors(searched(problem, state).positions, x), 5).max() < 0.02
 
 
 def test_robust_finds_an_array_of_three_wavelengths_with_a_noisy_and_an_inverted_channel():

@@ -2,8 +2,8 @@
 
     step     one damped Gauss-Newton step of all free unknowns, then one iteration of the fixed point for the power of
              the field, the noise of the channels and the spreads of the gains
-    stage    one of `state.STAGES`: deformations of the whole array, then every microphone, then also the gains
-    restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest optimum is then refined
+    stage    one of `state.STAGES`: the positions, then also the gains, then also the directions of the field
+    restart  the stages from one start (`fdcal.solvers.starts.candidates`); the likeliest optimum is then refined
 
 `fdcal.cost.likelihood` computes the likelihood, `objective` adds priors and takes steps, and `schedule` decides what
 follows a stage.
@@ -23,8 +23,8 @@ from ..starts import require_gauge
 from . import noise
 from . import objective as objectives
 from .result import result
-from .schedule import StageEnd, after_stage, begin, begin_stage
-from .state import DIRECTION_UPDATES, FREE, STAGES, State
+from .schedule import StageEnd, after_stage, begin, begin_stage, moved_once, search
+from .state import FREE, SEARCH, STAGES, State
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -38,7 +38,7 @@ TRAITS = Traits(
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the first start of `fdcal.solvers.starts.plan` or at `positions` (N, D), metres."""
+    """Return the first state, at `positions` (N, D), metres, or at the likeliest start."""
     require_solvable(problem, settings)
     return begin(State, problem, settings, seed, positions)
 
@@ -49,9 +49,6 @@ def require_solvable(problem: Problem, settings: SolverSettings) -> None:
     require_gauge(problem)
 
 
-# longest move of a microphone in one step, in shortest wavelengths; without it the error of a linear array in space
-# grows from 1.3 to 2.1 mm
-MAX_STEP = 0.125
 # RMS move in one step, in sigmas of the coordinates, at which a stage ends that learns the directions of a field in
 # space: the directions go on changing long after the positions do. Four takes of 32 microphones end 0.1 to 0.5 mm from
 # the limit of many steps, with an error of 3 to 4 mm. The rule does not serve fields in the plane, where directions
@@ -63,37 +60,20 @@ LEARNED_NATS = 0.5
 
 
 def step(problem: Problem, state: State) -> State:
-    """Return `state` after one damped step; the same state if it is finished."""
+    """Return `state` after one damped step, or one start in the search; the same state if it is finished."""
     if state.finished:
         return state
     problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
-    used = objectives.used_modes(problem, state, stage.modes)
-    objective, here = objectives.objective_of(problem, state, used), objectives.unknowns_of(state)
-    constrained = objective.priors.constrained
-    shapes = objectives.polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
-    free = objective.free(here, shapes)
-    max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
-    trial = objectives.channel_step(here, objective, free, progress.damping, max_step)
-    moved = replace(
-        objectives.with_unknowns(state, trial.unknowns),
-        step=state.step + 1,
-        sweep=state.sweep + 1,
-        cost=trial.cost if np.isfinite(trial.cost) else state.cost,
-        progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
-    )
+    if progress.stage == SEARCH:
+        return search(problem, replace(state, step=state.step + 1, sweep=state.sweep + 1))
+    here, used = objectives.unknowns_of(state), objectives.used_modes(problem, state)
+    moved, objective, trial = moved_once(problem, state, used)
     directional, healthy = state.model.directional, noise.healthy(state.model)
     learning_in_space = directional and problem.dimension == 3
     within_sigmas = learning_in_space and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
     ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
     if trial.terms is not None:
-        moved = noise.with_power(moved, used, objective.field, trial.terms)
-        moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
-        if here.gains:
-            moved = noise.centred(noise.with_spreads(problem, moved, trial))
-            ended = ended and noise.same_spreads(state.model, moved.model)
-        if moved.model.arrival_sigma is not None:
-            moved = noise.with_arrival_sigma(problem, moved, trial)
-            ended = ended and noise.same_arrivals(state.model, moved.model)
+        ended = ended and noise.same_spreads(state.model, moved.model) and noise.same_arrivals(state.model, moved.model)
         if directional:
             ended = ended and progress.steps > 0 and (within_sigmas or state.cost - moved.cost < LEARNED_NATS)
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:

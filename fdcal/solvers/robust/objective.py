@@ -12,7 +12,7 @@ Gains and given positions have Student t priors of NU degrees of freedom,
 
 where e is the deviation and d its number of components. Their long tails let the other entries overrule a wrong one.
 In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions that are
-given exactly have no prior: their coordinates are not free (`free_directions`).
+given exactly have no prior: their coordinates are not free (`Objective.free`).
 
 The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic
 approximation how far the minimum is:
@@ -26,7 +26,6 @@ Newton step d is a small fraction of sigma, because no limit in metres or nats s
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -227,9 +226,20 @@ class Objective:
             return self
         return replace(self, arrivals=replace(self.arrivals, start=source))
 
-    def free(self, unknowns: Unknowns, deformations: np.ndarray | None = None) -> np.ndarray:
-        """Return the result of `free_directions` for this objective."""
-        return free_directions(unknowns, self.priors.constrained, deformations, self.priors.speed_sigma > 0)
+    def free(self, unknowns: Unknowns) -> Integers:
+        """Return the indices (F,) int64 of the unknowns that may move.
+
+        Microphones whose given position is exact stay. `Unknowns.filters` says which delays and corners are free.
+        """
+        N, D = unknowns.positions.shape
+        index = np.arange(unknowns.vector.size - 1).reshape(N, -1)
+        freed = [np.delete(index[:, :D], self.priors.constrained, axis=0).ravel()]
+        if unknowns.gains:
+            filters = unknowns.channels[:, 2:]
+            freed += [index[:, D : D + 2].T.ravel(), index[:, D + 2 :][(filters != 0) | unknowns.filters]]
+        if self.priors.speed_sigma > 0:
+            freed.append(np.array([unknowns.vector.size - 1]))
+        return np.concatenate(freed)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
         """Return the cost, or infinity where a covariance is singular, as with two microphones at the same place."""
@@ -356,9 +366,8 @@ def gains_are_free(state: State) -> bool:
 
 
 def speed_is_free(problem: Problem, state: State) -> bool:
-    """Return whether the present stage seeks the sound speed: it is uncertain, and given positions fix the scale."""
-    stated, stage = state.settings.sound_speed_sigma, STAGES[state.progress.stage]
-    return stated is not None and not stage.degree and len(problem.known) > 1
+    """Return whether the sound speed is sought: it is uncertain, and given positions fix the scale."""
+    return state.settings.sound_speed_sigma is not None and len(problem.known) > 1
 
 
 def unknowns_of(state: State) -> Unknowns:
@@ -378,10 +387,8 @@ def with_unknowns(state: State, moved: Unknowns) -> State:
 
 
 def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray:
-    """Return indices int64 of the modes that the stage works with, `max_count` of them at most; 0 for all."""
-    count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
-    if stage.lowest and len(problem.known):
-        count = min(count, stage.modes)
+    """Return indices int64 of the modes in use, or of `max_count` evenly spaced ones of them if it is not 0."""
+    count = len(problem.pressures[state.modes])
     return state.first - 1 + (evenly_spaced(count, max_count) if max_count else np.arange(count))
 
 
@@ -414,17 +421,13 @@ def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
 
 def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
     """Return what the present stage minimises, over the modes `used`."""
-    stage, model = STAGES[state.progress.stage], state.model
-    known_sigma = model.known_sigma
-    if stage.degree and known_sigma > 0:  # given positions must not deform the array to less than its own error
-        known_sigma = float(np.hypot(known_sigma, model.spread))
+    model = state.model
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = CARRYING_TAIL if given_carry_scale(problem) else NU
     constrained = constrained_positions(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
-    priors = Priors(
-        model.gain_sigma, model.phase_sigma, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads
-    )
+    sigmas, known_sigma = (model.gain_sigma, model.phase_sigma), model.known_sigma
+    priors = Priors(*sigmas, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads)
     arrivals = state_arrivals(problem, state)
     field = field_of(problem, state, used)
     return Objective(
@@ -446,9 +449,6 @@ def state_arrivals(problem: Problem, state: State) -> Arrivals | None:
     return arrivals_of(problem, state.model.arrival_sigma)
 
 
-DISTINCT = 1e-3  # least singular value of a deformation that differs from those of the constrained microphones
-
-
 @dataclass(frozen=True)
 class ChannelStep:
     """Result of one step; `terms`, `matrix` and `source` belong to the unknowns before it."""
@@ -458,64 +458,10 @@ class ChannelStep:
     decrease: float  # of the cost
     damping: float  # of the next step
     moved: float  # metres, greatest change of a coordinate
-    free: np.ndarray  # see `free_directions`
+    free: np.ndarray  # see `Objective.free`
     terms: Terms | None = None  # None where a covariance is singular
     matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None without `terms`
     source: TakeSources | None = None  # None without arrivals
-
-
-def free_directions(
-    unknowns: Unknowns, constrained: Integers, deformations: Reals | None = None, speed: bool = False
-) -> np.ndarray:
-    """Return the directions in which the unknowns may move.
-
-    constrained : (A,) int64, microphones whose coordinates never move; deformations : (N D, F) float64, the only
-    directions in which positions move, None where every microphone moves on its own; speed : whether the sound speed is
-    free. `Unknowns.filters` says which delays and corners are free.
-
-    Returns a basis (N P + 1, F) float64 or, without deformations, the indices (F,) int64 of the free unknowns.
-    """
-    N, D = unknowns.positions.shape
-    size = unknowns.vector.size
-    index = np.arange(size - 1).reshape(N, -1)
-    freed: list[Integers] = []
-    if unknowns.gains:
-        freed.append(index[:, D : D + 2].T.ravel())
-        filters = unknowns.channels[:, 2:]
-        freed.append(index[:, D + 2 :][(filters != 0) | unknowns.filters])
-    rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
-    if deformations is None:
-        return np.concatenate([np.delete(index[:, :D], constrained, axis=0).ravel(), rest])
-    basis = np.zeros((size, deformations.shape[1] + len(rest)))
-    basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
-    basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
-    return basis
-
-
-def polynomial_deformations(positions: np.ndarray, constrained: np.ndarray, degree: int) -> np.ndarray:
-    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `constrained` in place.
-
-    The error of a rough start is smooth, because the field is. Every coordinate moves by a polynomial of the positions
-    (N, D), metres, minus the `interpolation` of its values at the constrained microphones, which therefore stay. The
-    degree is lower if there are too few microphones to distinguish the monomials.
-    """
-    N, D = positions.shape
-    z = positions - positions.mean(axis=0)
-    z = z / np.sqrt(np.mean(z**2))
-    columns = [np.ones(N)]
-    for d in range(1, degree + 1):
-        more = [np.prod(z[:, list(c)], axis=1) for c in combinations_with_replacement(range(D), d)]
-        if d > 1 and len(columns) + len(more) > N / 2:
-            break
-        columns += more
-    shapes = np.linalg.qr(np.column_stack(columns))[0]
-    if len(constrained):
-        left = shapes - interpolation(positions, constrained) @ shapes[constrained]
-        left[constrained] = 0.0  # exactly
-        U, values, _ = np.linalg.svd(left, full_matrices=False)
-        shapes = U[:, values > DISTINCT]
-        shapes[constrained] = 0.0
-    return np.kron(shapes, np.eye(D))
 
 
 def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
@@ -538,7 +484,7 @@ def channel_step(
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
         return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
-    if not free.shape[-1]:
+    if not len(free):
         return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
     g, H = reduced(unknowns, here, free, objective.priors.blind)
     before, near = unknowns.vector, objective.beside(here.source)
@@ -546,7 +492,7 @@ def channel_step(
         before,
         NewtonTerms(here.cost, g, H),
         lambda tried: near.evaluate(unknowns.at(tried), False).cost,
-        lambda y: before + (free @ y if free.ndim == 2 else np.bincount(free, y, before.size)),
+        lambda y: before + np.bincount(free, y, before.size),
         lambda tried: float(np.abs(unknowns.at(tried).positions - unknowns.positions).max()),
         damping,
         max_step,
@@ -556,7 +502,7 @@ def channel_step(
 
 
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gradient (F,) and the Gauss-Newton matrix (F, F) in the free directions.
+    """Return the gradient (F,) and the Gauss-Newton matrix (F, F) of the free unknowns.
 
     Directions that change no likelihood get an artificial stiffness: the rigid motions of a `blind` array, which has no
     given positions, and a gain, phase or delay that all channels share.
@@ -574,9 +520,7 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
         H[np.ix_(index[:, column], index[:, column])] += np.mean(diagonal[:, D : D + 2]) / N
     if unknowns.gains and unknowns.filters:
         H[np.ix_(index[:, D + 2], index[:, D + 2])] += np.mean(diagonal[:, D + 2]) / N
-    if free.ndim == 1:
-        return g[free], H[np.ix_(free, free)]
-    return free.T @ g, free.T @ H @ free
+    return g[free], H[np.ix_(free, free)]
 
 
 # least eigenvalue of the scaled Gauss-Newton matrix, dimensionless; directions below it are practically undetermined

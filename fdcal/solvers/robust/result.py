@@ -91,7 +91,8 @@ def estimate_at(
         state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
     # The minimum of the other cost is elsewhere, so that a Newton step of the likelihood does not mean an early end.
-    return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
+    spread = replace(found.spread, step=np.zeros_like(found.spread.step))
+    return replace(found, spread=spread, interpolates=True)
 
 
 def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknowns) -> GivenEstimate:

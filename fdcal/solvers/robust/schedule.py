@@ -1,7 +1,7 @@
 """Where a run begins, and what follows a stage: the next one, another round, another restart, or the end.
 
-    restart   from one start: the stages deformation, deformation, free, and gains in several rounds
-    restarts  until two of them end at the same array, or one leaves no more than the reported noise
+    search    starts, each fitted from low to high frequencies, until several end at the likeliest array
+    restart   from one of the likeliest of them: the stages free, and gains in several rounds
     final     in several rounds from the likeliest optimum; then the run ends
 
 `after_stage` decides what follows a stage.
@@ -20,9 +20,25 @@ from . import given, noise, windows
 from . import objective as objectives
 from .channels import relocated
 from .spread import claim_of
-from .state import DIRECTION_UPDATES, FINAL, STAGE_DAMPING, STAGES, SUSPICIOUS, LocalOptimum, StageProgress, State
+from .state import (
+    DIRECTION_UPDATES,
+    FINAL,
+    FREE,
+    GAINS,
+    SEARCH,
+    STAGE_DAMPING,
+    STAGES,
+    FittedStart,
+    LocalOptimum,
+    StageProgress,
+    State,
+)
 
-BEFORE_PLAN = -1  # number of a restart from positions that the caller gives; the starts of the plan follow it
+MAX_RESTARTS = 4  # different starts that are refined at most
+AGREEING = 4  # starts that end at the likeliest array, after which no other is tried
+WORSE = 100.0  # nats; a start that is less likely by more is not refined
+# two arrays are different if some healthy microphone stands further apart in them, in units of the shortest wavelength
+DIFFERENT = 0.02
 
 
 def begin(
@@ -30,7 +46,7 @@ def begin(
 ) -> State:
     """Return the first state, an instance of `Kind`, at the first start or at `positions` (N, D), metres."""
     problem, N = objectives.in_unit_power(problem), problem.pressures.shape[1]
-    here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
+    here = np.zeros((N, problem.array_dimension)) if positions is None else np.array(positions, float)
     empty = Kind(
         positions=here,
         settings=settings,
@@ -40,109 +56,188 @@ def begin(
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
         model=objectives.first_model(problem, settings),
-        progress=StageProgress(restart=BEFORE_PLAN, stage=0, rounds=0, steps=0, damping=0.0),
+        progress=StageProgress(restart=-1, stage=SEARCH, rounds=0, steps=0, damping=0.0),
         shape=here,
+        starts=None,
         optima=(),
     )
-    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, BEFORE_PLAN)
+    return begin_search(problem, empty) if positions is None else begin_restart(problem, empty, here)
+
+
+def begin_search(problem: Problem, state: State) -> State:
+    """Return `state` at the first start that can be computed, before its fit; InputError if there is none."""
+    plan = starts.plan(problem, state.last)
+    for number, one in enumerate(plan):
+        try:
+            x = start_at(problem if one.given else starts.without_given(problem), state, one)
+        except (InputError, np.linalg.LinAlgError):  # the modes do not determine this start
+            if number + 1 < len(plan):
+                continue
+            raise
+        x = in_frame(problem, state.settings, x, one.given)
+        progress = replace(state.progress, stage=SEARCH, rounds=0, steps=number)
+        return replace(state, stage=state.stage + 1, positions=x, shape=x, starts=(), progress=progress)
+    raise AssertionError("a plan has one start at least")
+
+
+def start_at(problem: Problem, state: State, one: starts.Start) -> np.ndarray:
+    """Return the positions (N, D), metres, of a start; InputError or LinAlgError if the modes do not determine it."""
+    reported = noise.given_noise(problem, state)
+    return starts.start(problem, state.last, None if reported is None else float(np.median(reported[state.modes])), one)
 
 
 def begin_stage(problem: Problem, state: State, stage: int) -> State:
     """Return `state` at the beginning of a stage of the schedule."""
     progress = replace(state.progress, stage=stage, steps=0, damping=STAGE_DAMPING)
-    if not STAGES[stage].degree and state.model.arrival_sigma is None:
+    if state.model.arrival_sigma is None:
         state = noise.with_arrivals(problem, state)
     return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
 
 
-def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
+def begin_restart(problem: Problem, state: State, positions: np.ndarray) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
-    placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
-    placed = with_exact_in_place(problem, state.settings, placed)
-    x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
+    x, zero = in_frame(problem, state.settings, positions), frozen_array(np.zeros((len(positions), 2)), float)
     model = objectives.first_model(problem, state.settings)
-    progress = StageProgress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
+    progress = StageProgress(restart=state.restart + 1, stage=FREE, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
-    return begin_stage(problem, noise.with_noise(problem, begun), 0)
+    return begin_stage(problem, noise.with_noise(problem, begun), FREE)
 
 
-def with_exact_in_place(problem: Problem, settings: SolverSettings, positions: np.ndarray) -> np.ndarray:
-    """Return positions (N, D), metres, with exact given positions in place, and the others moved smoothly along."""
-    known, places = problem.known, problem.known_positions
-    if not len(known) or objectives.first_known_sigma(problem, settings) > 0:
-        return positions
-    x = positions + objectives.interpolation(positions, known) @ (places - positions[known])
-    x[known] = places
-    return x
+def in_frame(problem: Problem, settings: SolverSettings, positions: np.ndarray, placed: bool = True) -> np.ndarray:
+    """Return positions (N, D), metres, in the frame of the problem; exact given ones pull the others smoothly along.
+
+    placed : whether the positions agree with the given ones already; otherwise the array is first aligned with these
+    """
+    x, known, places = positions, problem.known, problem.known_positions
+    if len(known) and not placed:
+        x = starts.aligned(problem, x)
+    if problem.frame is not None:
+        x = move_to_frame(x, problem.frame)
+    if len(known) and objectives.first_known_sigma(problem, settings) == 0:
+        x = x + objectives.interpolation(x, known) @ (places - x[known])
+        x[known] = places
+    return frozen_array(x, float)
 
 
-MAX_RESTARTS = 6  # starts tried at most
+# longest move of a microphone in one step, in shortest wavelengths; without it the error of a linear array in space
+# grows from 1.3 to 2.1 mm
+MAX_STEP = 0.125
 
 
-def next_restart(problem: Problem, state: State, restart: int) -> State:
-    """Return the first restart from number `restart` on whose start can be computed, or else the last stage."""
-    reported = noise.given_noise(problem, state)
-    level = None if reported is None else float(np.median(reported[state.modes]))
-    plan = starts.plan(problem, state.last, state.quick)
-    for number, one in enumerate(plan[:MAX_RESTARTS]):
-        if number < restart:
-            continue
+def moved_once(
+    problem: Problem, state: State, used: np.ndarray
+) -> tuple[State, objectives.Objective, objectives.ChannelStep]:
+    """Return `state` after one damped step and one update of power, noise and spreads, what it minimised, and the step.
+
+    Where a covariance is singular, the state moves nowhere, and the step has no `terms`.
+    """
+    here, progress = objectives.unknowns_of(state), state.progress
+    objective = objectives.objective_of(problem, state, used)
+    max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
+    trial = objectives.channel_step(here, objective, objective.free(here), progress.damping, max_step)
+    moved = replace(
+        objectives.with_unknowns(state, trial.unknowns),
+        step=state.step + 1,
+        sweep=state.sweep + 1,
+        cost=trial.cost if np.isfinite(trial.cost) else state.cost,
+        progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
+    )
+    if trial.terms is not None:
+        moved = noise.with_power(moved, used, objective.field, trial.terms)
+        moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
+        if here.gains:
+            moved = noise.centred(noise.with_spreads(problem, moved, trial))
+        if moved.model.arrival_sigma is not None:
+            moved = noise.with_arrival_sigma(problem, moved, trial)
+    return moved, objective, trial
+
+
+FIT_STEPS = 6  # steps at each number of modes in `continued` at most
+FIT_PRESSURES = 4000  # approximate number of pressures in a fit; evenly spaced modes are used where there are more
+FIT_MODES = 24  # least number of modes in a fit, if there are as many
+FIT_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further
+FIT_NATS = 1.0  # a fit also ends when the cost falls by less
+
+
+def continued(problem: Problem, state: State, positions: np.ndarray, lowest: int) -> tuple[State, float]:
+    """Return `state` at positions fitted to the `lowest` modes, then to more and more, and its -log likelihood.
+
+    At low frequency the cost has few local minima; each fit begins in the basin of the one before. With all modes gains
+    and gross faults of the channels are sought too, twice, since the first of these fits assumes too much noise.
+    """
+    here, last = begin_restart(problem, state, positions), state.last
+    cap = max(FIT_MODES, FIT_PRESSURES // len(positions))
+    for count in (*(n for i in range(32) if (n := lowest * 2**i) < last), last, last):
+        stage = FREE if count < last else GAINS
+        here = replace(here, last=count, progress=replace(here.progress, stage=stage))
+        here = begin_stage(problem, noise.with_noise(problem, here), stage)
+        if count == last:
+            here = relocated(problem, here)[0]
+        for _ in range(FIT_STEPS):
+            here, _, trial = moved_once(problem, here, objectives.used_modes(problem, here, cap))
+            if trial.moved < FIT_TOLERANCE or trial.decrease < FIT_NATS:
+                break
+    used = objectives.used_modes(problem, here, cap)
+    objective = objectives.objective_of(problem, here, used)
+    cost = replace(objective, priors=objective.priors.without_given()).finite_cost(objectives.unknowns_of(here))
+    cost += noise.hyper_cost(objective.field, objectives.corrected(problem, here, used))
+    return here, cost + len(positions) * float(np.log(here.model.gain_sigma * here.model.phase_sigma))
+
+
+def search(problem: Problem, state: State) -> State:
+    """Return `state` after the fit of another start, at the likeliest so far, or the first restart after the last one.
+
+    No further start is tried when `AGREEING` of them end at the likeliest array. Starts without given positions are
+    aligned with these afterwards, so that a wrong given position deforms none of them. InputError if no start can be
+    computed.
+    """
+    plan = starts.plan(problem, state.last)
+    found: tuple[FittedStart, ...] = state.starts or ()
+    for number in range(state.progress.steps, len(plan)):
+        one = plan[number]
+        chosen = problem if one.given else starts.without_given(problem)
         try:
-            positions = starts.start(problem, state.last, level, *one)
+            ended, cost = continued(chosen, state, start_at(chosen, state, one), one.lowest)
         except (InputError, np.linalg.LinAlgError):  # the modes do not determine this start
-            if state.optima or number + 1 < MAX_RESTARTS:
+            if found or number + 1 < len(plan):
                 continue
             raise
-        return begin_restart(problem, state, positions, number)
+        x = in_frame(problem, state.settings, ended.positions, one.given)
+        fitted = FittedStart(x, noise.healthy(ended.model), cost)
+        found = tuple(sorted((*found, fitted), key=lambda one: one.cost))
+        best, progress = min(found, key=lambda one: one.cost), replace(state.progress, steps=number + 1)
+        if sum(same_array(problem, best, other.positions) for other in found) == AGREEING:
+            break
+        if number + 1 < len(plan):
+            return replace(state, positions=best.positions, shape=best.positions, starts=found, progress=progress)
+    different, limit = list[FittedStart](), min(one.cost for one in found) + WORSE
+    for one in found:
+        likely = len(different) < MAX_RESTARTS and one.cost < limit
+        if likely and not any(same_array(problem, one, other.positions) for other in different):
+            different.append(one)
+    return next_restart(problem, replace(state, starts=tuple(different)))
+
+
+def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> bool:
+    """Return whether the healthy channels of a start, at least half of all, stand as in `positions` (N, D), metres."""
+    apart = np.linalg.norm(align(one.positions, positions) - positions, axis=1)[one.healthy]
+    shortest = 2 * np.pi / float(np.real(problem.wavenumbers).max())
+    return bool(2 * len(apart) >= len(positions) and apart.max() < DIFFERENT * shortest)
+
+
+def next_restart(problem: Problem, state: State) -> State:
+    """Return a restart at the likeliest start that no restart has reached yet, the search for starts, or the end."""
+    if state.starts is None:
+        return begin_search(problem, state)
+    for number, one in enumerate(state.starts):
+        if not any(same_array(problem, one, optimum.positions) for optimum in state.optima):
+            return begin_restart(problem, replace(state, starts=state.starts[number + 1 :]), one.positions)
     return begin_final(problem, state)
 
 
 def likeliest(state: State) -> LocalOptimum:
     """Return the optimum with the lowest score."""
     return min(state.optima, key=lambda one: one.score)
-
-
-# two optima agree if each microphone has moved by less than this between them, in units of the shortest wavelength
-SAME_PLACE = 0.03
-
-
-def optima_agree(problem: Problem, state: State) -> bool:
-    """Return whether another restart has ended at the same array as the likeliest one, whatever their scores."""
-    best, *others = sorted(state.optima, key=lambda one: one.score)
-    wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
-    healthy = noise.healthy(best.model)
-    for other in others:
-        if np.isfinite(other.score):
-            away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)
-            if away[healthy].max(initial=0.0) < SAME_PLACE * wavelength:
-                return True
-    return False
-
-
-# Fractions of the power: for a measurement without noise the search ends with the first restart that leaves no more
-# than LOW_NOISE unexplained, and no more than LOW_CHANNEL_NOISE in any channel. Without this rule simulated arrays take
-# up to twice the time.
-LOW_NOISE = 1e-7
-LOW_CHANNEL_NOISE = 1e-5
-# The search also ends where channels are matched, positions are exact, and the noise found is at most this multiple of
-# the reported noise. Without this rule such arrays take 1.4 times the time.
-REPORTED_NOISE = 1.2
-
-
-def explains_all(problem: Problem, state: State) -> bool:
-    """Return whether healthy channels leave no more than the reported noise unexplained, so that the search may end.
-
-    Without noise no array in a wrong basin does so. With noise a wrong array can, unless the model has few other
-    unknowns: then it counts only where channels are matched and exact given positions fix the size.
-    """
-    fraction, worst = state.model.noise_fraction, float(state.model.channel_noise.max())
-    reported = noise.given_noise(problem, state)
-    if reported is None:
-        return False
-    level = float(np.median(reported[state.modes]))
-    if level <= LOW_NOISE:
-        return fraction <= max(LOW_NOISE, 1.01 * state.model.min_noise) and fraction * worst <= LOW_CHANNEL_NOISE
-    return state.quick and len(problem.known) > 0 and fraction <= REPORTED_NOISE * level and worst < SUSPICIOUS
 
 
 def begin_final(problem: Problem, state: State) -> State:
@@ -195,19 +290,11 @@ def after_stage(end: StageEnd) -> State:
         return _after_restart(end)
     if singular or not state.automatic:  # the user has chosen the modes, or the last stage cannot go on
         return replace(state, finished=True, converged=end.within_tolerance)
-    if name == "deformation":
-        return _next_deformation(problem, state)
     if name == "final":
         return _next_final(end)
     model = replace(state.model, damped=noise.is_damped(problem, state), directional=False)
     estimated = replace(state, model=model, shape=state.positions)
     estimated = noise.with_noise(problem, estimated, rough=name == "free")
-    if explains_all(problem, estimated):
-        # The last step assumed far more noise than is left. The evidence is that at the noise found, so that another
-        # restart, which assumed less, does not outrank this one.
-        objective = objectives.objective_of(problem, estimated, objectives.used_modes(problem, estimated))
-        estimated = replace(estimated, cost=objective.finite_cost(end.trial.unknowns))
-        return _after_restart(replace(end, objective=objective, state=estimated))
     searched, moved = relocated(problem, estimated)
     if name == "free":
         return begin_stage(problem, searched, stage + 1)
@@ -230,21 +317,7 @@ def _after_restart(end: StageEnd) -> State:
         reached = noise.score(problem, state, end.objective, end.trial)
     converged = bool(end.within_tolerance and np.isfinite(reached))
     found = LocalOptimum(state.positions, state.gains, state.offsets, state.model, reached, converged)
-    state = replace(state, optima=(*state.optima, found))
-    if optima_agree(problem, state) or explains_all(problem, state):
-        return begin_final(problem, state)
-    return next_restart(problem, state, state.progress.restart + 1)
-
-
-def _next_deformation(problem: Problem, state: State) -> State:
-    """Begin the next stage, with the noise that its modes show; outliers are moved before the first free stage."""
-    stage = state.progress.stage
-    state = replace(state, model=replace(state.model, damped=False), shape=state.positions)
-    ahead = replace(state, progress=replace(state.progress, stage=stage + 1))  # selects the modes of the next stage
-    state = replace(noise.with_noise(problem, ahead), progress=state.progress)
-    if not STAGES[stage + 1].degree:
-        state, _ = relocated(problem, state)
-    return begin_stage(problem, state, stage + 1)
+    return next_restart(problem, replace(state, optima=(*state.optima, found)))
 
 
 def _next_final(end: StageEnd) -> State:

@@ -47,9 +47,6 @@ class Stage:
     """One stage of the schedule."""
 
     name: str  # for display
-    degree: int  # of the polynomials by which the whole array deforms; 0 where every microphone moves on its own
-    modes: int  # number of evenly spaced modes in use, at most; 0 for all
-    lowest: bool  # whether the lowest modes are used instead where positions are given, because these fix the scale
     gains: bool  # whether channel gains are free
     max_steps: int
     tolerance: float  # metres; the stage ends when no microphone moves further
@@ -57,13 +54,12 @@ class Stage:
 
 
 STAGES = (
-    Stage("deformation", 2, 30, True, False, 12, 2e-3, 0.5),
-    Stage("deformation", 3, 30, False, False, 12, 2e-3, 0.5),
-    Stage("free", 0, 0, False, False, 5, 1e-3, 2.0),
-    Stage("gains", 0, 0, False, True, 10, 1e-4, 0.3),
-    Stage("final", 0, 0, False, True, 16, 3e-5, 0.01),
+    Stage("search", False, 0, 0.0, 0.0),  # each of its steps fits one start
+    Stage("free", False, 5, 1e-3, 2.0),
+    Stage("gains", True, 10, 1e-4, 0.3),
+    Stage("final", True, 16, 3e-5, 0.01),
 )
-FREE, FINAL = 2, 4  # stages
+SEARCH, FREE, GAINS, FINAL = range(4)  # numbers of the stages
 
 
 @dataclass(frozen=True)
@@ -107,6 +103,15 @@ class Model:
 
 
 @dataclass(frozen=True)
+class FittedStart:
+    """A start after its fit from low to high frequencies."""
+
+    positions: Reals  # (N, D) float64, metres
+    healthy: Bools  # (N,) bool, channels without much noise
+    cost: float  # -log likelihood up to a constant
+
+
+@dataclass(frozen=True)
 class LocalOptimum:
     """Where a restart ended."""
 
@@ -123,10 +128,10 @@ class LocalOptimum:
 class StageProgress:
     """Position of the solver in its schedule."""
 
-    restart: int  # number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the caller gave
+    restart: int  # number of restarts before this one
     stage: int  # index into STAGES
     rounds: int  # rounds of this stage that are complete
-    steps: int  # steps taken in this round
+    steps: int  # steps taken in this round; starts tried, in the search
     damping: float  # of the next step
 
     def __post_init__(self):
@@ -147,8 +152,9 @@ class State(RunState):
     offsets: Reals  # (N, 2) float64, prior mean of the gains; 0 unless a channel has a gross fault
     model: Model
     progress: StageProgress
-    # (N, D) float64, metres, positions at the beginning of the stage; deformations and centre follow from them
+    # (N, D) float64, metres, positions at the beginning of the stage; the centre of the field follows from them
     shape: Reals
+    starts: tuple[FittedStart, ...] | None  # those still to be refined, the likeliest first; None before the search
     optima: tuple[LocalOptimum, ...]  # of the restarts so far
 
     @property
