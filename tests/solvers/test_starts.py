@@ -16,7 +16,7 @@ from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import starts
 from fdcal.solvers.robust import schedule
-from fdcal.solvers.robust.state import SEARCH
+from fdcal.solvers.robust.state import FREE, SEARCH, FittedStart
 
 KNOWN = [0, 1, 2, 3]
 
@@ -127,6 +127,14 @@ def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_miss
     (first, cost), (at_once, other) = (schedule.continued(problem, state, start, n) for n in (5, len(K)))
     assert rms_of_shape(first.positions, x) < 5e-3 < 0.2 < rms_of_shape(at_once.positions, x)
     assert cost < other - schedule.WORSE, "the likelihood tells which of them is right"
+
+
+def test_the_search_ends_as_soon_as_enough_starts_end_at_the_likeliest_array():
+    """Also where a start that is likelier than all before agrees with more of them at once."""
+    problem, state, x = three_wavelengths()
+    fits = (FittedStart(x, np.ones(len(x), bool), np.inf),) * (2 * schedule.AGREEING)
+    state = replace(state, starts=fits, progress=replace(state.progress, stage=SEARCH, steps=0))
+    assert schedule.search(problem, state).progress.stage == FREE
 
 
 def test_the_likeliest_candidate_is_the_array_and_others_are_different_arrays():

@@ -206,7 +206,7 @@ def search(problem: Problem, state: State) -> State:
         fitted = FittedStart(x, noise.healthy(ended.model), cost)
         found = tuple(sorted((*found, fitted), key=lambda one: one.cost))
         best, progress = min(found, key=lambda one: one.cost), replace(state.progress, steps=number + 1)
-        if sum(same_array(problem, best, other.positions) for other in found) == AGREEING:
+        if sum(same_array(problem, best, other.positions) for other in found) >= AGREEING:
             break
         if number + 1 < len(plan):
             return replace(state, positions=best.positions, shape=best.positions, starts=found, progress=progress)
