@@ -7,7 +7,7 @@ space and a ball. Lengths are metres, colours RGB from 0 to 255. `fdcal.graphics
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from . import glyphs, marks
 from .heatmap import relief_sides
 from .marks import MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
 from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme
-from .volume import Volume
+
+if TYPE_CHECKING:  # the volume loads SciPy
+    from .volume import Volume
 
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
@@ -407,7 +409,7 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
     return picture.plus(*marked("microphones/faulty", centres, radius))
 
 
-def with_volume(picture: Picture, volume: Volume | None) -> Picture:
+def with_volume(picture: Picture, volume: "Volume | None") -> Picture:
     """Return the picture with isosurfaces and minima of the cost of a microphone in space; None adds nothing.
 
     The minima are diamonds, upright and level, so that they show from every side; the lowest are the largest.

@@ -146,14 +146,15 @@ def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):
         assert STAGES[begun.progress.stage].name == "final"
 
 
-def test_each_likely_start_is_refined_unless_a_restart_has_reached_it(run):
+def test_each_likely_start_is_refined_and_then_the_likeliest_end_of_them(run):
     problem, states = run
     best = likeliest(states[-1])
     elsewhere = best.positions + np.random.default_rng(0).normal(0, 0.3, best.positions.shape)
-    plan = tuple(FittedStart(x, np.ones(COUNT, bool), 0.0) for x in (best.positions, elsewhere))
-    following = next_restart(problem, replace(states[-1], starts=plan, optima=(best,)))
+    plan = tuple(FittedStart(x, np.ones(COUNT, bool), 0.0) for x in (elsewhere, best.positions))
+    following = next_restart(problem, replace(states[-1], starts=plan, optima=()))
     np.testing.assert_array_equal(following.positions, elsewhere)
-    assert following.starts == () and next_restart(problem, replace(following, optima=(best,))).progress.stage == FINAL
+    assert following.starts is not None and len(following.starts) == 1
+    assert next_restart(problem, replace(following, starts=(), optima=(best,))).progress.stage == FINAL
 
 
 @pytest.mark.parametrize("stage", range(SEARCH + 1, len(STAGES)))

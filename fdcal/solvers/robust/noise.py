@@ -257,18 +257,25 @@ def healthy(model: Model) -> np.ndarray:
     return model.channel_noise < SUSPICIOUS
 
 
-def with_silent_inside(problem: Problem, state: State) -> State:
-    """Return `state` with channels that hold only noise moved to the middle of the others.
+SILENT_GAIN = -3.0  # nepers; a dead channel can look like one of a much lower gain that stands far outside
 
-    Nothing shows where these stand, and far outside they would increase the number of directions of the field.
+
+def with_silent_inside(problem: Problem, state: State) -> State:
+    """Return `state` with channels that hold only noise, or next to nothing, in the middle of the others.
+
+    Nothing shows where these stand, and far outside they would increase the number of directions of the field. All of
+    their power counts as noise.
     """
-    silent = state.model.noise_fraction * state.model.channel_noise > 1
+    tau, all_noise = np.array(state.model.channel_noise), 1 / state.model.noise_fraction
+    silent = (tau > all_noise) | (state.gains[:, 0] < SILENT_GAIN)
     silent[problem.known] = False
     if not np.any(silent):
         return state
     x = np.array(state.positions)
-    x[silent] = x[healthy(state.model)].mean(axis=0)
-    return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float))
+    x[silent] = x[healthy(state.model) & ~silent].mean(axis=0)
+    tau[silent] = np.maximum(tau[silent], all_noise)
+    model = replace(state.model, channel_noise=tau)
+    return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
 
 
 # (Im k R)^2 over the noise fraction from which the imaginary part of k is used; used always, the errors of 2 of 75

@@ -202,6 +202,7 @@ def search(problem: Problem, state: State) -> State:
             if found or number + 1 < len(plan):
                 continue
             raise
+        ended = noise.with_silent_inside(chosen, ended)
         x = in_frame(problem, state.settings, ended.positions, one.given)
         fitted = FittedStart(x, noise.healthy(ended.model), cost)
         found = tuple(sorted((*found, fitted), key=lambda one: one.cost))
@@ -226,13 +227,13 @@ def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> boo
 
 
 def next_restart(problem: Problem, state: State) -> State:
-    """Return a restart at the likeliest start that no restart has reached yet, the search for starts, or the end."""
+    """Return a restart at the likeliest start that is left, or the last stage; first the search, if there was none."""
     if state.starts is None:
         return begin_search(problem, state)
-    for number, one in enumerate(state.starts):
-        if not any(same_array(problem, one, optimum.positions) for optimum in state.optima):
-            return begin_restart(problem, replace(state, starts=state.starts[number + 1 :]), one.positions)
-    return begin_final(problem, state)
+    if not state.starts:
+        return begin_final(problem, state)
+    first, *others = state.starts
+    return begin_restart(problem, replace(state, starts=tuple(others)), first.positions)
 
 
 def likeliest(state: State) -> LocalOptimum:
@@ -296,6 +297,7 @@ def after_stage(end: StageEnd) -> State:
     estimated = replace(state, model=model, shape=state.positions)
     estimated = noise.with_noise(problem, estimated, rough=name == "free")
     searched, moved = relocated(problem, estimated)
+    searched = noise.with_silent_inside(problem, searched)
     if name == "free":
         return begin_stage(problem, searched, stage + 1)
     # Another round follows if a channel was moved, if the noise has changed, or if the error of the positions adds
