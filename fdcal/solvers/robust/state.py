@@ -144,8 +144,7 @@ class State(RunState):
     """State of the likelihood solver."""
 
     solver: ClassVar[str] = "robust"
-    # whether the search ends with the first restart that leaves no more than the reported noise, and directions are
-    # learned in the plane only, where they are few
+    # whether directions are learned in the plane only, where they are few
     quick: ClassVar[bool] = False
 
     gains: Reals  # (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
