@@ -196,8 +196,8 @@ class SolverSettings:
         "robust", which seeks the gains of the channels, too; "joint", the same for matched channels and exact given
         positions; "descent", the paper's; or "room".
     modes, first_modes : int
-        Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
-        the array can interpolate and the solver can use (`fdcal.solvers.requirements`).
+        Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
+        the solver can use (`fdcal.solvers.requirements`).
     order_offset : int
         Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
     ample_modes : int

@@ -40,8 +40,8 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes in affine starts, by dimension of the field
-# Random starts, and the numbers of lowest modes with which they begin. Without them the arrays of 4 of 512 cases are
-# lost; more microphones need more time for each start, and fewer starts.
+# Random starts, used where the others disagree, and the numbers of lowest modes with which they begin. With many
+# microphones each start takes longer, so that there are fewer.
 RANDOM_STARTS = 32
 RANDOM_SIZE = 24  # number of microphones above which there are fewer random starts
 RANDOM_LOWEST = (3, 5, 8)

@@ -110,12 +110,15 @@ def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_
     problem = measured(WIDE, THREE, snr_db=40, seed=2).problem()
     away = WIDE + 9.0 * np.isin(np.arange(len(WIDE)), [1, 5])[:, None]
     state = load("robust").init(problem, replace(SETTINGS, name="robust"), 0, away)
-    loud = np.where(np.isin(np.arange(len(WIDE)), [1, 5]), 1e6, 1.0)
-    state = replace(state, positions=away, model=replace(state.model, noise_fraction=1e-4, channel_noise=loud))
-    placed = with_silent_inside(problem, state).positions
-    np.testing.assert_allclose(placed[5], np.delete(WIDE, [1, 5], axis=0).mean(axis=0))
-    others = np.arange(len(WIDE)) != 5
-    np.testing.assert_array_equal(placed[others], away[others])
+    silent = np.isin(np.arange(len(WIDE)), [1, 5])
+    noisy = np.where(silent, 1e6, 1.0), np.zeros((len(WIDE), 2))
+    dead = np.ones(len(WIDE)), np.where(silent[:, None], [-6.9, 0.0], 0.0)  # without noise, but 60 dB below the others
+    for channel_noise, gains in (noisy, dead):
+        model = replace(state.model, noise_fraction=1e-4, channel_noise=channel_noise)
+        placed = with_silent_inside(problem, replace(state, positions=away, gains=gains, model=model))
+        np.testing.assert_allclose(placed.positions[5], np.delete(WIDE, [1, 5], axis=0).mean(axis=0))
+        np.testing.assert_array_equal(np.delete(placed.positions, 5, axis=0), np.delete(away, 5, axis=0))
+        assert placed.model.channel_noise[5] >= 1e4, "all of its power is noise"
 
 
 # What follows a stage or a restart.

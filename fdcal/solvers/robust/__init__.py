@@ -3,7 +3,7 @@
     step     one damped Gauss-Newton step of all free unknowns, then one iteration of the fixed point for the power of
              the field, the noise of the channels and the spreads of the gains
     stage    one of `state.STAGES`: the positions, then also the gains, then also the directions of the field
-    restart  the stages from one start (`fdcal.solvers.starts.candidates`); the likeliest optimum is then refined
+    restart  the stages from one of the starts that `schedule.search` finds; the likeliest optimum is then refined
 
 `fdcal.cost.likelihood` computes the likelihood, `objective` adds priors and takes steps, and `schedule` decides what
 follows a stage.

@@ -268,11 +268,12 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     """
     tau, all_noise = np.array(state.model.channel_noise), 1 / state.model.noise_fraction
     silent = (tau > all_noise) | (state.gains[:, 0] < SILENT_GAIN)
-    silent[problem.known] = False
-    if not np.any(silent):
+    others = healthy(state.model) & ~silent
+    if not np.any(silent) or not np.any(others):
         return state
-    x = np.array(state.positions)
-    x[silent] = x[healthy(state.model) & ~silent].mean(axis=0)
+    x, moved = np.array(state.positions), silent.copy()
+    moved[problem.known] = False
+    x[moved] = x[others].mean(axis=0)
     tau[silent] = np.maximum(tau[silent], all_noise)
     model = replace(state.model, channel_noise=tau)
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
