@@ -21,7 +21,6 @@ PAGE_SIZE = {"width": 1280, "height": 720}  # pixels
 
 # Of each picture: the commands that make it, in a folder of their own; the last writes picture.png.
 COMMANDS = {
-    "wave": ["snapshot fig1_square --microphone 16 --wave 22,38 -o picture.png"],
     "landscape": ["landscape fig1_square --microphone 16 --mode-numbers 20,40,57 -o picture.png"],
     "descent-stalls": [
         "calibrate array1_circle --solver descent -o result.json",

@@ -11,24 +11,25 @@ imported by the command that needs them.
 import contextlib
 import os
 import sys
-import time
 import traceback
 import webbrowser
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
 
 import click
 
+from ..assessment.result_file import save_result
 from ..model.libraries import missing_library
 from ..model.measurement import microphone_index, save_measurement
 from ..model.scene import load_scene, scene_names
 from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.storage import write_atomically
 from ..model.validation import InputError
+from ..session.lesson import lesson_names, load_lesson
 from ..session.process import ended_as_interrupted, one_blas_thread_for_command
-from . import file_commands, plot_commands
+from ..session.sources import with_settings
+from . import file_commands, plot_commands, report
 from . import options as opt
 
 INTERRUPTED = "interrupted; nothing is left half-written"
@@ -148,7 +149,6 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
     Without SCENE a short film begins, of how one microphone is found. FILE is a measurement or a recording that
     `fdcal import` reads, SESSION a session saved by the page.
     """
-    from ..session.lesson import lesson_names, load_lesson
     from ..viewer.server.hardening import is_loopback
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
@@ -224,8 +224,6 @@ def calibrate(
     """
     path = opt.output_path(output, ".json", force, *sources) if output else None
     from ..session.calibration_run import solve
-    from ..session.sources import with_settings
-    from . import report
 
     recorded = {key: settings.pop(key) for key in ("files", "split", "source", *opt.RECORDED)}
     if settings["known"] not in (None, *opt.KNOWN):
@@ -245,8 +243,6 @@ def calibrate(
         result = solve(inputs, progress, opt.OPTIONS)
     compared = report.comparison(inputs, result) if check else None
     if path is not None:
-        from ..assessment.result_file import save_result
-
         save_result(result, path, force=force, check=compared)
     print(report.summary(inputs, result))
     if positions is not None and compared is None:
@@ -307,37 +303,6 @@ def scenes():
     """List the scenes that come with fdcal."""
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
-
-
-@commands.command()
-def warm():
-    """Compile beforehand what the first runs would wait for.
-
-    Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
-    """
-    pieces = all_pieces()
-    for number, (name, compile_piece) in enumerate(pieces, 1):
-        start = time.perf_counter()
-        print(f"{number} of {len(pieces)}: {name} ...", end="", file=sys.stderr, flush=True)
-        compile_piece()
-        print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
-
-
-def all_pieces() -> list[tuple[str, Callable[[], object]]]:
-    """Return descriptions of what is compiled, and the functions that compile it."""
-    from ..solvers import MINIMA, SEARCH
-
-    def simulate_rooms() -> None:  # one with few rows, and one with enough for several threads
-        import numpy as np
-
-        from ..acoustics import fdtd
-        from ..model.scene import Room, Source
-
-        source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
-        for height in (0.4, 4.0):
-            fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
-
-    return [("simulation of a room", simulate_rooms), SEARCH, MINIMA]
 
 
 for command in (*file_commands.COMMANDS, *plot_commands.COMMANDS):

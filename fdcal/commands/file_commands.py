@@ -7,11 +7,18 @@ from pathlib import Path
 
 import click
 
+from ..assessment.calibration import placed_in_frame
+from ..assessment.result_file import load_result, save_result
 from ..model.measurement import save_measurement
 from ..model.storage import TEMPORARY, write_atomically
 from ..model.validation import InputError, StorageError
+from ..recordings import export as exports
+from ..recordings import formats
+from ..recordings.formats.positions import read_positions
 from ..recordings.recording import ImportOptions
+from ..session.process import interrupts
 from . import options as opt
+from . import report
 
 
 @click.command("import")
@@ -49,11 +56,7 @@ def export(result, output, frame, table, force):
 
     The suffix of the file selects the format.
     """
-    from ..assessment.calibration import placed_in_frame
-    from ..assessment.result_file import load_result
-    from ..recordings import export as exports
-
-    allowed = list(exports.GAIN_TEXTS) if table == "gains" else exports.formats.suffixes("write")
+    allowed = list(exports.GAIN_TEXTS) if table == "gains" else formats.suffixes("write")
     path, found = opt.output_path(output, allowed, force, result), load_result(result)
     exports.export(found, path, frame=frame, table=table, force=force)
     if table == "gains":
@@ -73,15 +76,11 @@ def correct(recording, result, output, force):
     Gains, phases, polarity, delays and the order of the channels are corrected as RESULT found them with solver robust;
     the file has 32-bit floats.
     """
-    from ..assessment.result_file import load_result
-    from ..recordings import formats
-    from ..recordings.export import SUFFIXES, correction_of, correction_summary, write_corrected
-
-    path = opt.output_path(output, SUFFIXES, force, recording, result)
+    path = opt.output_path(output, exports.SUFFIXES, force, recording, result)
     recorded = formats.read(recording)
-    correction = correction_of(load_result(result), recorded)
-    write_corrected(path, recorded, correction, force)
-    print(correction_summary(correction, recorded.names))
+    correction = exports.correction_of(load_result(result), recorded)
+    exports.write_corrected(path, recorded, correction, force)
+    print(exports.correction_summary(correction, recorded.names))
     print(path)
 
 
@@ -138,10 +137,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """
     from tqdm import tqdm
 
-    from ..recordings import formats
-    from ..recordings.formats.positions import read_positions
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
-    from ..session.process import interrupts
 
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
@@ -192,9 +188,6 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
 def _result(paths: list[str], positions: str | None, options: ImportOptions, path: Path | None) -> int:
     """Calibrate all takes together, print the result and write it to a file; return the exit code of `calibrate`."""
-    from ..assessment.result_file import save_result
-    from . import report
-
     try:
         inputs, result, check = report.calibrate_takes(paths, positions, options)
     except (InputError, StorageError) as error:

@@ -14,19 +14,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 import click
 
+from ..assessment.calibration import Calibration
+from ..assessment.result_file import load_result
 from ..model.scene import load_scene, scene_names
 from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
 from ..recordings.recording import ImportOptions
+from ..session import session_file, sources
 from ..solvers import names
-
-if TYPE_CHECKING:
-    from ..assessment.calibration import Calibration
-    from ..session.sources import CalibrationInput, OpenRequest, ProgressReport
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
@@ -68,16 +67,11 @@ def _with_unit(units: str, low: float = 0.0) -> Callable[[str], float]:
     return read
 
 
-def _names(value: str) -> tuple[str, ...]:
+def _names(value: str, count: int | None = None) -> tuple[str, ...]:
     parts = tuple(part.strip() for part in value.split(","))
-    if not all(parts):
+    if not all(parts) or count not in (None, len(parts)):
         raise ValueError
     return parts
-
-
-def _distance(value: str) -> tuple[str, str, float]:
-    first, second, metres = _names(value)
-    return first, second, float(metres)
 
 
 def _separated(
@@ -110,7 +104,9 @@ def _band(value: str) -> tuple[float, float]:
 whole_numbers = ValueOf(_separated(",", int), "is not a list of whole numbers; write them as 1,5,9")
 numbers = ValueOf(_separated(","), "is not a list of numbers; write them as 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
-distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
+distance = ValueOf(
+    lambda value: (*_names(value, 3)[:2], float(_names(value)[2])), "must be two microphones and metres, as 0,5,1.25"
+)
 room_size = ValueOf(
     _separated("x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
     "is not the size of a room; write lengths above zero, in metres, as 6x5 or 6x5x2.7",
@@ -222,7 +218,7 @@ BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfi
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[ProgressReport]:
+def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
     """Yield a function that shows progress in a bar on standard error; the bar appears with the first call.
 
     While the fraction done is 0, the bar shows only the elapsed time. Nothing is written if standard error is a file.
@@ -266,7 +262,6 @@ def output_option(what: str, required: bool = True):
 
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
-wave_option = option("--wave NUMBERS", "Draw standing waves instead: of up to three modes, as 22,38.")
 result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
 modes_option = option("--modes M", "Modes in use at the end, lowest first.  [default: all that are usable]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
@@ -333,14 +328,12 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
     return add
 
 
-def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
+def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
     """Return the given options of recordings, or None; InputError if a source is not a recording."""
-    from ..session.sources import is_recording
-
     given = {key: value for key, value in recorded.items() if value is not None}
     if not given:
         return None
-    other = next((one for one in sources if not is_recording(one)), None)
+    other = next((one for one in files if not sources.is_recording(one)), None)
     if other is not None:
         key, remedy = next(iter(given)), ""
         if key == "known":
@@ -349,7 +342,7 @@ def import_options(sources: Sequence[str], recorded: Mapping[str, Any]) -> Impor
     return ImportOptions(**given)
 
 
-def scene_of(text: str) -> CalibrationInput:
+def scene_of(text: str) -> sources.CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
@@ -367,19 +360,17 @@ def input_of(
     excluded: tuple[str, ...] = (),
     positions: str | None = None,
     **recorded: Any,
-) -> CalibrationInput:
+) -> sources.CalibrationInput:
     """Return the measurement of a scene or of files, with the values of the options.
 
     `positions`: file with positions to compare with; `recorded`: fields of `ImportOptions`, None for those not given.
     """
-    from ..session.sources import compared_with_file, is_recording, load_input
-
     first = source if isinstance(source, str) else source[0]
     options = import_options([source] if isinstance(source, str) else source, recorded)
-    with progress_bar("simulating" if options is None and not is_recording(first) else "importing") as progress:
-        inputs = load_input(source, progress, excluded, options)
+    with progress_bar("simulating" if options is None and not sources.is_recording(first) else "importing") as progress:
+        inputs = sources.load_input(source, progress, excluded, options)
     if positions is not None:
-        inputs = compared_with_file(inputs, positions)
+        inputs = sources.compared_with_file(inputs, positions)
     measurement = inputs.measurement
     domain = search_domain(measurement.search, measurement.array_dimension, search, radius)
     return replace(inputs, measurement=replace(measurement, search=domain))
@@ -387,25 +378,17 @@ def input_of(
 
 def result_of(path: str | None) -> Calibration | None:
     """Return the calibration in the file given with --result; None without that option."""
-    if path is None:
-        return None
-    from ..assessment.result_file import load_result
-
-    return load_result(path)
+    return None if path is None else load_result(path)
 
 
-def open_request_of(text: str) -> OpenRequest:
+def open_request_of(text: str) -> sources.OpenRequest:
     """Return the request for a page that shows a saved session, a measurement or recordings, or a scene."""
     if text.lower().endswith(".zip"):
-        from ..session.session_file import read
-
-        return read(text)
-    from ..session.sources import check_scene, is_recording, load_input, measurement_request, scene_request
-
+        return session_file.read(text)
     shipped = text in scene_names()
-    if not shipped and (text.lower().endswith(".npz") or is_recording(text)):
-        return measurement_request(load_input(text))
+    if not shipped and (text.lower().endswith(".npz") or sources.is_recording(text)):
+        return sources.measurement_request(sources.load_input(text))
     scene = load_scene(text)
     if not shipped:
-        check_scene(scene)  # reports a scene that cannot be simulated before a page opens
-    return scene_request(scene)
+        sources.check_scene(scene)  # reports a scene that cannot be simulated before a page opens
+    return sources.scene_request(scene)

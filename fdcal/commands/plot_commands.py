@@ -6,21 +6,22 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
+import numpy as np
 
+from ..assessment.calibration import Calibration
+from ..model.measurement import Measurement
 from ..model.settings import search_around
 from ..model.storage import folder_in_progress, write_atomically
-from ..model.validation import InputError, parse_modes
+from ..model.validation import InputError
+from ..session.session import recorded
+from ..session.sources import CalibrationInput, as_given, with_settings
 from . import options as opt
 from .options import microphone_number
+from .report import error_title
 
 if TYPE_CHECKING:
-    import numpy as np
-
-    from ..assessment.calibration import Calibration
     from ..graphics.primitives import Floor
     from ..graphics.volume import SampledVolume, Volume
-    from ..model.measurement import Measurement
-    from ..session.sources import CalibrationInput
 
 
 @click.command()
@@ -118,18 +119,16 @@ def field(source, result, frequencies, step, output, force):
 @click.argument("scene")
 @opt.result_option
 @opt.option("--microphone N", "Draw its cost landscape: on the floor, or as isosurfaces in space.", type=int)
-@opt.wave_option
 @opt.option("--view", "Camera position.", type=["top", "3d", "close"], default="top")
 @opt.option("--size WxH", "Pixels.", type=opt.picture_size, default="1280x800")
 @opt.output_option("FILE.png")
 @opt.force_option
-def snapshot(scene, result, microphone, wave, view, size, output, force):
+def snapshot(scene, result, microphone, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), opt.result_of(result)
     from ..graphics.picture import compose, with_volume
     from ..graphics.snapshot import render
-    from .report import error_title
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
@@ -141,7 +140,7 @@ def snapshot(scene, result, microphone, wave, view, size, output, force):
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
-        floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes, wave)
+        floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes)
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
     picture = compose(scene_shown, measurement, positions, microphone, floor, title)
@@ -169,8 +168,6 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..cost.eq7 import reference_cost_of
     from ..graphics.replay import replay_html
     from ..session.calibration_run import counted_microphones, states_of
-    from ..session.session import recorded
-    from ..session.sources import as_given, with_settings
 
     inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)
     if microphone is not None:
@@ -224,21 +221,15 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
         raise InputError("the microphones are too few for any mode", "use a smaller <radius>", key="radius")
     terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
     sampled = None if terms is None else sampled_volume(terms)
-    if sampled is None:
-        raise ValueError("a volume without cancellation must be complete")
+    assert sampled is not None  # only a volume that can be cancelled may be incomplete
     return sampled
 
 
-def map_of(
-    inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int, wave: str | None = None
-) -> tuple[Floor, Volume | None]:
-    """Return the map of a microphone for a snapshot, and in space the cost around it.
-
-    `wave`: draw standing waves of these modes, such as "22, 38", instead.
-    """
+def map_of(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> tuple[Floor, Volume | None]:
+    """Return the map of a microphone for a snapshot, and in space the cost around it."""
     from ..cost.eq7 import require_modes, require_plane_field
     from ..cost.maps import descent_maps, minima_of
-    from ..graphics.heatmap import MAX_WAVES, cost_floor, wave_floor
+    from ..graphics.heatmap import cost_floor
     from ..graphics.picture import z_range_of
     from ..graphics.volume import layer_floor, volume_of
 
@@ -246,14 +237,6 @@ def map_of(
     if measurement.search is None:
         problem = f"{inputs.name} has no search domain to draw a landscape on"
         raise InputError(problem, "leave out <microphone>", key="microphone")
-    if wave is not None:
-        if measurement.array_dimension == 3:
-            raise InputError(f"{inputs.name} is an array in space", "give an array in a plane", key="wave")
-        numbers, remedy = parse_modes(wave, len(measurement.frequencies)), f"name 1 to {MAX_WAVES} modes"
-        if len(numbers) > MAX_WAVES:
-            raise InputError(f"{len(numbers)} waves are too many", remedy, key="wave")
-        names = [(mode, f"mode {mode}, {measurement.frequencies[mode - 1]:.1f} Hz") for mode in numbers]
-        return wave_floor(measurement.problem(settings.weights), positions, n, names, settings.order_offset), None
     if measurement.array_dimension == 3:
         sampled, height = volume_around(inputs, positions, n, modes), z_range_of(inputs.scene, measurement)[0]
         volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)

@@ -7,20 +7,17 @@ inverted and dead channels. The comparison with a list of positions shows exchan
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..assessment import words
 from ..assessment.calibration import FAULTS, Calibration
+from ..assessment.position_check import MAX_SCALE, ListFit, PositionCheck, compare_positions, fit_result, size_ratio
 from ..model.measurement import Measurement
 from ..model.validation import length_text
-from ..session.sources import CalibrationInput
+from ..recordings.recording import ImportOptions
+from ..session.sources import CalibrationInput, compared_with_file, measurement_input
 from .options import OPTIONS
-
-if TYPE_CHECKING:
-    from ..assessment.position_check import ListFit, PositionCheck
-    from ..recordings.recording import ImportOptions
 
 # Heads of the lines of a summary, in their order.
 HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict", "room",
@@ -50,8 +47,6 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
 
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     """Return how the positions found differ from those that the measurement has."""
-    from ..assessment.position_check import compare_positions, size_ratio
-
     listed = np.asarray(inputs.measurement.positions)
     positions = result.positions if result.room is None else result.positions_for(inputs.measurement)
     if _size_is_open(inputs, result):  # scaled about their centre to the size of the list
@@ -65,8 +60,6 @@ UNITS_APART = 2.0  # ratio of sizes from which a list counts as one in another u
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
     """Return whether the size of the array is undetermined, so that it is compared in the size of the list."""
-    from ..assessment.position_check import MAX_SCALE, size_ratio
-
     ratio = size_ratio(result.positions, np.asarray(inputs.measurement.positions))
     wrong = result.verdict != "good" and MAX_SCALE < max(ratio, 1 / ratio) < UNITS_APART
     return result.verdict == "scale_undetermined" or wrong
@@ -105,7 +98,6 @@ def calibrate_takes(
     """Calibrate the files of several takes; `positions`: file of a list with which the array is compared."""
     from ..recordings.importer import measurement_of_takes, read_takes
     from ..session.calibration_run import solve
-    from ..session.sources import compared_with_file, measurement_input
 
     measurement, report = measurement_of_takes(read_takes(takes, options), options)
     inputs = measurement_input(measurement, "takes" if len(takes) > 1 else "take")
@@ -119,8 +111,6 @@ def takes_report(
     takes: int, inputs: CalibrationInput, result: Calibration, check: PositionCheck | None
 ) -> tuple[list[str], bool]:
     """Return the result of some takes in lines, the positions included, and whether a list of them is wrong."""
-    from ..assessment.position_check import fit_result
-
     listed, said = inputs.measurement.positions, words.result_sentences(result, inputs.measurement, inputs.given)
     sigmas = np.full(len(result.names), np.nan) if result.uncertainty is None else result.uncertainty
     sigma = float(np.sqrt(np.mean(sigmas[result.healthy] ** 2)))

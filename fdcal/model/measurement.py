@@ -128,12 +128,9 @@ class Measurement:
 
     def __post_init__(self):
         put = functools.partial(object.__setattr__, self)
-        speed = require_array("sound_speed", self.sound_speed, "real", ()).item()
-        put("sound_speed", convert(speed, MetresPerSecond, "sound_speed"))
-        dimension = require_array("dimension", self.dimension, "index", ()).item()
-        put("dimension", convert(dimension, Literal[2, 3], "dimension"))
-        D = self.dimension if self.array_dimension is None else self.array_dimension
-        D = int(require_array("array_dimension", D, "index", ()).item())
+        put("sound_speed", convert(self.sound_speed, MetresPerSecond, "sound_speed"))
+        put("dimension", convert(self.dimension, Literal[2, 3], "dimension"))
+        D = self.dimension if self.array_dimension is None else convert(self.array_dimension, int, "array_dimension")
         require_choice("array_dimension", D, range(2, self.dimension + 1))
         put("array_dimension", D)
         put("frequencies", require_array("frequencies", self.frequencies, "real", (None,), "Hz"))
@@ -169,9 +166,7 @@ class Measurement:
             raise InputError(problem, "leave the short windows out", key="short_pressures")
         if self.positions is not None:
             put("positions", require_array("positions", self.positions, "real", (N, D), "m"))
-        if np.asarray(self.nominal).dtype != bool or np.ndim(self.nominal):
-            raise InputError("nominal is neither true nor false", "give True or False", key="nominal")
-        put("nominal", bool(self.nominal))
+        put("nominal", convert(self.nominal, bool, "nominal"))
         if self.spectrum is not None:
             drawn = require_array("spectrum", self.spectrum, "real", (None, None), "Hz and mean power")
             lengths, ascending = (2, 1 + self.take_count), drawn.shape[1] > 1 and np.all(np.diff(drawn[0]) > 0)
@@ -179,8 +174,7 @@ class Measurement:
                 problem = f"spectrum has {len(drawn)} rows: it needs ascending frequencies, then powers of zero or more"
                 raise InputError(problem, "leave it out", key="spectrum")
             put("spectrum", drawn)
-        given = () if self.known is None else self.known
-        known, places = checked_known(given, self.known_positions, self.positions, N, D)
+        known, places = checked_known(self.known, self.known_positions, self.positions, N, D)
         put("known", known)
         put("known_positions", places)
         if self.search is not None and len(self.search.size) != D:
@@ -546,7 +540,8 @@ def checked_known(
     indices: Any, positions: Any, truth: np.ndarray | None, count: int, D: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the known microphones (A,), ascending, and their `positions` (A, D), metres, or else those in `truth`."""
-    numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
+    numbers = () if indices is None else indices
+    numbers = require_array("known", numbers, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
     if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
         remedy = f"name each microphone of 0 to {count - 1} at most once"

@@ -270,8 +270,9 @@ Seed = Annotated[int, within(0)]
 
 def convert(value: object, kind: Any, key: str) -> Any:
     """Return `value` as the type `kind`, or raise InputError with `key`; numbers of NumPy are accepted."""
+    value = _plain(value, key)
     try:
-        return msgspec.convert(_plain(value, key), kind)
+        return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         for index in re.findall(r"\[(\d+)\]", str(error).rpartition(" - at ")[2]):  # of an entry of a list
             value, kind = typing.cast(Any, value)[int(index)], typing.get_args(_bare(kind)[0])[0]
@@ -280,11 +281,11 @@ def convert(value: object, kind: Any, key: str) -> Any:
 
 def _plain(value: Any, key: str) -> Any:
     """Return a value with Python's own types; InputError for NaN and for integers of very many digits."""
-    if isinstance(value, np.ndarray):
+    if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, (list, tuple)):
         return [_plain(entry, key) for entry in value]
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return value
     if isinstance(value, Integral):
         if abs(int(value)) >= LARGEST_INTEGER:

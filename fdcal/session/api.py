@@ -8,16 +8,18 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Annotated, Any
 
+from ..assessment.calibration import Calibration
 from ..model.measurement import Measurement, MicrophonePositions, microphone_index, with_known, with_positions
-from ..model.scene import Scene
+from ..model.scene import MeasuredScene, Scene, load_scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, convert, require_array, shown, unexpected_argument, within
+from ..recordings.formats.positions import read_positions
+from ..recordings.recording import ImportOptions
 from .calibration_run import solve
 from .process import one_blas_thread
 from .sources import ProgressReport, is_recording, load_input, measurement_input, scene_input, with_settings
 
 if TYPE_CHECKING:
-    from ..assessment.calibration import Calibration
     from ..cost.maps import LandscapePanels
 
 
@@ -83,8 +85,6 @@ def load(
         if other is not None:
             problem = f"{other} holds no recordings, and {', '.join(options)} is an option of recordings"
             raise InputError(problem, "leave the option out")
-        from ..recordings.recording import ImportOptions  # brings the signal library, which only recordings need
-
         names = [field.name for field in fields(ImportOptions)]
         for name in sorted(set(options) - set(names)):
             raise unexpected_argument("load", name, names)
@@ -94,8 +94,6 @@ def load(
     if positions is None:
         return measurement
     if isinstance(positions, (str, PathLike)):
-        from ..recordings.formats.positions import read_positions
-
         return with_positions(measurement, read_positions(positions), len(set(excluded)))
     given = require_array("positions", positions, "real", (None, None), "m")
     listed = MicrophonePositions(tuple(map(str, range(len(given)))), given)
@@ -130,8 +128,6 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | N
     >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
     [1, 5, 7]
     """
-    from ..model.scene import MeasuredScene, load_scene
-
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):
         remedy = f'use the measurement itself: fdcal.load("{chosen.name}")'
@@ -282,7 +278,6 @@ def landscape(
     settings, entries = settings or SolverSettings(), _entries("modes", modes, "modes", "write <modes> = [1, 5, 9]")
     used = convert(entries, list[Annotated[int, within(1, len(measurement.frequencies))]], "modes")
     n = microphone_index(str(microphone), measurement.names, "microphone")
-    from ..assessment.calibration import Calibration
     from ..cost.maps import landscape_panels
 
     if calibration is not None and not isinstance(calibration, Calibration):

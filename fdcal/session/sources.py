@@ -9,20 +9,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..model.measurement import Measurement, exclude_microphones, load_measurement
-from ..model.scene import Faults, MeasuredScene, placeholder_scene
+from ..model.arrays import positions_of
+from ..model.gauge import fixes_gauge
+from ..model.measurement import FLAT, Measurement, exclude_microphones, list_labels, load_measurement, with_positions
+from ..model.scene import Faults, MeasuredScene, Scene, load_scene, placeholder_scene, require_rectangle
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import Count, InputError, Seed, convert, declaration, length_text, refusal
+from ..recordings import formats
+from ..recordings.formats.arrays import keys_of
+from ..recordings.formats.positions import read_positions
+from ..recordings.recording import ImportOptions
 from ..solvers import PAPER, load, with_mode_count
-
-if TYPE_CHECKING:
-    from ..model.scene import Scene
-    from ..recordings.recording import ImportOptions
-
 
 ProgressReport = Callable[[float, str], None]  # gets the fraction done, 0 to 1, or 0 if it is unknown, and a note
 
@@ -78,7 +79,7 @@ def load_input(
     if all(recorded):
         from ..recordings import importer  # brings the signal library, which a measurement does not need
 
-        measurement = _without(importer.import_recording(texts, options or importer.DEFAULTS, progress)[0], excluded)
+        measurement = _without(importer.import_recording(texts, options or ImportOptions(), progress)[0], excluded)
     elif any(recorded):
         other = texts[recorded.index(False)]
         problem = f"{other} holds no recordings, and other files do"
@@ -92,8 +93,6 @@ def load_input(
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
-        from ..model.scene import load_scene
-
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
         return with_mode_number(inputs) if excluded else inputs
@@ -130,9 +129,6 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
     `left_out` are channels that the import has left out; the file may have positions of them.
     """
-    from ..model.measurement import FLAT, list_labels, with_positions
-    from ..recordings.formats.positions import read_positions
-
     placed, name = read_positions(path), Path(path).name
     missing = len({*inputs.excluded, *left_out})
     measurement = with_positions(inputs.measurement, placed, missing)
@@ -157,9 +153,6 @@ def scene_input(scene: Scene, progress: ProgressReport | None = None) -> Calibra
 
 def is_recording(text: str) -> bool:
     """Return whether `text` names a file or folder of a kind that `fdcal import` reads, whether or not it exists."""
-    from ..recordings import formats
-    from ..recordings.formats.arrays import keys_of
-
     path = Path(text)
     if path.suffix.lower() == ".npz":
         return bool(keys := keys_of(path)) and not {"pressures", "frequencies"} & set(keys)
@@ -177,7 +170,6 @@ def check_scene(scene: Scene) -> None:
         return
     from ..acoustics.fdtd import make_grid
     from ..acoustics.measure import require_measurable
-    from ..model.arrays import positions_of
 
     positions_of(scene)
     require_measurable(scene)
@@ -215,8 +207,6 @@ def with_settings(
             why = "has no effect with solver.gains = fixed"
             raise refusal(key, value, why, f"leave out <{key}>, or use <gains> auto")
     if traits.needs_room and inputs.scene is not None:
-        from ..model.scene import require_rectangle
-
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
@@ -266,9 +256,6 @@ def scene_request(scene: Scene) -> OpenRequest:
     fix the frame, the page begins with the paper's method: random positions, and one microphone moves at a time.
     """
     if not isinstance(scene, MeasuredScene) and scene.room.dimension == 2 and scene.search is not None:
-        from ..model.arrays import positions_of
-        from ..model.gauge import fixes_gauge
-
         known = positions_of(scene)[list(scene.gauge.known or ())]
         one_source = scene.source is not None and len(scene.source.places) == 1
         as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
