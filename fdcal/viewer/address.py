@@ -80,7 +80,11 @@ class AddressBar:
             require_choice("method", method, solvers.names())
         if lesson:
             part = int(asked.get("part", "1").partition(",")[0])
-            lessons.open(lesson, part, lambda: self._set(self._page.viewer, client, asked))
+            try:
+                lessons.open(lesson, part, lambda: self._set(self._page.viewer, client, asked))
+            except InputError as error:  # in the status line, too: the film of the opening covers a notification
+                self._page.switcher.error = error
+                raise
             return
         if lessons.progress.lesson is not None and scene:
             lessons.leave()

@@ -99,6 +99,11 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
         assert page.nodes.cameras.requests[-1][1] == camera_of(parse_address(f"view={CAMERA}")), (
             "after the lesson's own view"
         )
+    for name in ("1", "1_m"):  # its number, and the beginning of its name
+        page.lessons.leave()
+        command(page, f"open=lesson={name}", client)
+        assert page.lessons.progress.lesson is lesson, client.told
+        turn_until(lambda: page.switcher.idle)
     command(page, "open=lesson=1_many_minima&part=99", client)
     assert "there is no step 99" in client.told[0]
 
@@ -121,6 +126,18 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
         page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
     assert page.viewer.binding.choices is before and page.switcher.idle
+
+
+def test_the_status_line_says_that_no_lesson_has_the_name_in_an_address(tiny_page):
+    page, turn_until = tiny_page  # the film of the opening covers a notification
+    page.lessons._lessons = {name: SimpleNamespace(name=name, title=name, steps=[]) for name in ("2_one", "2_two")}
+    for name in ("none_such", "2_", "3"):
+        command(page, f"open=lesson={name}")
+        turn_until(lambda name=name: f"there is no lesson &quot;{name}&quot;" in bar(page))
+
+
+def bar(page):
+    return page.panels.overlay._regions["bar"].content
 
 
 def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):

@@ -17,7 +17,7 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.assessment.words import cost_words
-from fdcal.graphics.lesson_panels import channel_table
+from fdcal.graphics.lesson_panels import channel_table, lesson_panel
 from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import assess_state, solve
 from fdcal.session.process import one_blas_thread
@@ -187,3 +187,11 @@ def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(p
     turn_until(lambda: re.search(rf"drawn \d+ times larger; {sigma}", legend.content))
     set_by_client(view.ellipses, False)
     turn_until(lambda: "error ellipse" not in legend.content)
+
+
+def test_the_errors_over_the_distance_of_a_single_microphone_have_one_mean(measurement):
+    one_sought = replace(
+        measurement, known=np.arange(9), known_positions=measurement.positions[:9]
+    )  # as in the opening
+    for measured, means in ((one_sought, 1), (measurement, 2)):
+        assert lesson_panel("distance", measured, [State(measured.positions)], None).count("half ") == means

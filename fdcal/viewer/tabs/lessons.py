@@ -285,15 +285,19 @@ class LessonsTab:
         self._set_up(True, then)
 
     def open(self, name: str, number: int | None = None, then: Callable[[], object] = lambda: None) -> None:
-        """Show a step of a lesson, by the lesson's name and the step's number from 1; None for where it was left.
+        """Show a step of a lesson, by the step's number from 1; None for where it was left.
 
-        A step that is already shown does not begin again. `then` is called when the step is set. InputError if there is
-        no such lesson or step.
+        `name`: of the lesson, its title, its number in the list, or the beginning of a single name. A step that is
+        already shown does not begin again. `then` is called when the step is set. InputError if there is no such lesson
+        or step.
         """
-        lesson = next((one for one in self._lessons.values() if name in (one.name, one.title)), None)
-        if lesson is None:
-            remedy = f"use {', '.join(lesson.name for lesson in self._lessons.values())}"
+        lessons = list(self._lessons.values())
+        named = [one for number, one in enumerate(lessons, 1) if name in (one.name, one.title, str(number))]
+        named = named or [one for one in lessons if one.name.startswith(name)]
+        if len(named) != 1:
+            remedy = f"use {', '.join(one.name for one in lessons)}"
             raise InputError(f'there is no lesson "{shown(name)}"', remedy, key="lesson")
+        (lesson,) = named
         at = self._left_at.get(lesson.title, 0) if number is None else number - 1
         if not 0 <= at < len(lesson.steps):
             problem = f'there is no step {number} of the lesson "{shown(name)}"'
