@@ -156,7 +156,7 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
 
     guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
     x = min((scale * guess for scale in SCALES), key=lambda x: unexplained(x, first)[2].cost)
-    for count in (first, first, modes, modes):
+    for count in (first, modes):
         p, field, residual = unexplained(x, count)
         fraction = residual.noise_fraction + (field.wavenumbers * residual.spread) ** 2 / problem.dimension
         noise = np.minimum(fraction, MAX_UNEXPLAINED)

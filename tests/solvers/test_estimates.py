@@ -153,7 +153,7 @@ def test_each_likely_start_is_refined_and_then_the_likeliest_end_of_them(run):
     problem, states = run
     best = likeliest(states[-1])
     elsewhere = best.positions + np.random.default_rng(0).normal(0, 0.3, best.positions.shape)
-    plan = tuple(FittedStart(x, np.ones(COUNT, bool), 0.0) for x in (elsewhere, best.positions))
+    plan = tuple(FittedStart(x, np.ones(COUNT, bool), 0.0, hits=1) for x in (elsewhere, best.positions))
     following = next_restart(problem, replace(states[-1], starts=plan, optima=()))
     np.testing.assert_array_equal(following.positions, elsewhere)
     assert following.starts is not None and len(following.starts) == 1

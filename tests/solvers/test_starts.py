@@ -15,8 +15,8 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import starts
-from fdcal.solvers.robust import schedule
-from fdcal.solvers.robust.state import FREE, SEARCH, FittedStart
+from fdcal.solvers.robust import search
+from fdcal.solvers.robust.state import SEARCH
 
 KNOWN = [0, 1, 2, 3]
 
@@ -117,32 +117,37 @@ def searched(problem, state):
     """The first restart after the search for starts."""
     state = replace(state, progress=replace(state.progress, stage=SEARCH, steps=0))
     while state.progress.stage == SEARCH:
-        state = schedule.search(problem, state)
+        state = solvers.load("robust").step(problem, state)
     return state
 
 
 def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_misses():
     problem, state, x = three_wavelengths()
     start = x + np.random.default_rng(2).normal(0, 0.5, x.shape)
-    (first, cost), (at_once, other) = (schedule.continued(problem, state, start, n) for n in (5, len(K)))
-    assert rms_of_shape(first.positions, x) < 5e-3 < 0.2 < rms_of_shape(at_once.positions, x)
-    assert cost < other - schedule.WORSE, "the likelihood tells which of them is right"
+    gradually, at_once = (search.fitted(problem, state, start, n) for n in (5, len(K)))
+    assert rms_of_shape(gradually.positions, x) < 5e-3 < 0.2 < rms_of_shape(at_once.positions, x)
+    assert gradually.cost < at_once.cost - search.WORSE, "the likelihood tells which of them is right"
 
 
-def test_the_search_ends_as_soon_as_enough_starts_end_at_the_likeliest_array():
-    """Also where a start that is likelier than all before agrees with more of them at once."""
+def test_the_search_ends_when_two_starts_agree_and_none_has_ended_elsewhere():
     problem, state, x = three_wavelengths()
-    fits = (FittedStart(x, np.ones(len(x), bool), np.inf),) * (2 * schedule.AGREEING)
-    state = replace(state, starts=fits, progress=replace(state.progress, stage=SEARCH, steps=0))
-    assert schedule.search(problem, state).progress.stage == FREE
+    one = search.fitted(problem, state, x, len(K))
+    state = replace(state, starts=(one,), progress=replace(state.progress, stage=SEARCH, steps=0))
+    assert not search.is_complete(problem, state)
+    (again,) = (state := search.step(problem, state)).starts
+    assert again.hits == 2 and search.is_complete(problem, state)
+    elsewhere = replace(one, positions=one.positions * 1.3, cost=one.cost + 1)
+    assert not search.is_complete(problem, replace(state, starts=(again, elsewhere)))
+    enough = replace(again, hits=search.AGREEING)
+    assert search.is_complete(problem, replace(state, starts=(enough, elsewhere)))
 
 
 def test_the_likeliest_candidate_is_the_array_and_others_are_different_arrays():
     problem, state, x = three_wavelengths(0.1)
     begun = searched(problem, state)
-    assert rms_of_shape(begun.positions, x) < 0.03 and len(begun.starts) < schedule.MAX_RESTARTS
+    assert rms_of_shape(begun.positions, x) < 0.03 and len(begun.starts) < search.MAX_RESTARTS
     for one, other in combinations(begun.starts, 2):
-        assert one.cost < other.cost and not schedule.same_array(problem, other, one.positions)
+        assert one.cost < other.cost and not search.same_array(problem, other, one.positions)
 
 
 def test_a_wrong_given_position_moves_no_other_microphone_of_the_likeliest_candidate():

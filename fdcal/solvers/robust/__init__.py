@@ -3,7 +3,7 @@
     step     one damped Gauss-Newton step of all free unknowns, then one iteration of the fixed point for the power of
              the field, the noise of the channels and the spreads of the gains
     stage    one of `state.STAGES`: the positions, then also the gains, then also the directions of the field
-    restart  the stages from one of the starts that `schedule.search` finds; the likeliest optimum is then refined
+    restart  the stages from one of the starts that `search` finds; the likeliest optimum is then refined
 
 `fdcal.cost.likelihood` computes the likelihood, `objective` adds priors and takes steps, and `schedule` decides what
 follows a stage.
@@ -20,10 +20,11 @@ from ...model.settings import Search, SolverSettings
 from ..interface import Traits
 from ..requirements import require_modes, require_range
 from ..starts import require_gauge
-from . import noise
+from . import noise, search
 from . import objective as objectives
 from .result import result
-from .schedule import StageEnd, after_stage, begin, begin_stage, moved_once, search
+from .schedule import StageEnd, after_search, after_stage, begin
+from .stages import begin_stage, moved_once
 from .state import FREE, SEARCH, STAGES, State
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
@@ -65,7 +66,8 @@ def step(problem: Problem, state: State) -> State:
         return state
     problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
     if progress.stage == SEARCH:
-        return search(problem, replace(state, step=state.step + 1, sweep=state.sweep + 1))
+        searched = search.step(problem, replace(state, step=state.step + 1, sweep=state.sweep + 1))
+        return after_search(problem, searched) if search.is_complete(problem, searched) else searched
     here, used = objectives.unknowns_of(state), objectives.used_modes(problem, state)
     moved, objective, trial = moved_once(problem, state, used)
     directional, healthy = state.model.directional, noise.healthy(state.model)

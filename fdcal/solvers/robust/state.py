@@ -104,11 +104,12 @@ class Model:
 
 @dataclass(frozen=True)
 class FittedStart:
-    """A start after its fit from low to high frequencies."""
+    """Where starts end after their fit from low to high frequencies."""
 
     positions: Reals  # (N, D) float64, metres
     healthy: Bools  # (N,) bool, channels without much noise
     cost: float  # -log likelihood up to a constant
+    hits: int  # number of starts that end there
 
 
 @dataclass(frozen=True)
@@ -153,7 +154,8 @@ class State(RunState):
     progress: StageProgress
     # (N, D) float64, metres, positions at the beginning of the stage; the centre of the field follows from them
     shape: Reals
-    starts: tuple[FittedStart, ...] | None  # those still to be refined, the likeliest first; None before the search
+    # arrays found so far or, after the search, those still to be refined, the likeliest first; None before the search
+    starts: tuple[FittedStart, ...] | None
     optima: tuple[LocalOptimum, ...]  # of the restarts so far
 
     @property

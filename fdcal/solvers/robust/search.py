@@ -1,0 +1,149 @@
+"""The search for starts: each is fitted from low to high frequencies, until several end at the likeliest array.
+
+At low frequency the cost has few local minima. A start is fitted to a few of the lowest modes, then to twice as many,
+and so on, so that each fit begins in the basin of the one before. The likelihood of all modes orders the arrays that
+are found. Each step of the search fits one start.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...model.gauge import align
+from ...model.problem import Problem
+from ...model.validation import InputError
+from .. import starts
+from . import noise
+from . import objective as objectives
+from .channels import relocated
+from .stages import begin_restart, begin_stage, in_frame, moved_once
+from .state import FREE, GAINS, SEARCH, FittedStart, State
+
+MAX_RESTARTS = 4  # different arrays that are refined at most
+# Starts that end at the likeliest array, after which no other is tried: with 3, two of 18 field cases are lost. Two are
+# enough where no start has ended elsewhere.
+AGREEING = 4
+WORSE = 100.0  # nats; an array that is less likely by more is not refined
+# two arrays are different if some healthy microphone stands further apart in them, in units of the shortest wavelength
+DIFFERENT = 0.02
+
+
+def begin(problem: Problem, state: State) -> State:
+    """Return `state` at the first start that can be computed, before its fit; InputError if there is none."""
+    number, one, x = next(_starts(problem, replace(state, starts=()), 0))
+    x = in_frame(problem, state.settings, x, one.given)
+    progress = replace(state.progress, stage=SEARCH, rounds=0, steps=number)
+    return replace(state, stage=state.stage + 1, positions=x, shape=x, starts=(), progress=progress)
+
+
+def step(problem: Problem, state: State) -> State:
+    """Return `state` after the fit of the next start, at the likeliest array so far.
+
+    InputError or LinAlgError if no start can be computed.
+    """
+    failure = None
+    for number, one, x in _starts(problem, state, state.progress.steps):
+        try:
+            found = _with_start(problem, state, one, x)
+        except np.linalg.LinAlgError as error:  # the modes do not determine this start
+            failure = error
+            continue
+        best, progress = found[0].positions, replace(state.progress, steps=number + 1)
+        return replace(state, positions=best, shape=best, starts=found, progress=progress)
+    if failure is not None and not state.starts:
+        raise failure
+    return replace(state, progress=replace(state.progress, steps=len(starts.plan(problem, state.last))))
+
+
+def is_complete(problem: Problem, state: State) -> bool:
+    """Return whether enough starts end at the likeliest array, or no other start is left."""
+    found: tuple[FittedStart, ...] = state.starts or ()
+    enough = bool(found) and found[0].hits >= (2 if len(found) == 1 else AGREEING)
+    return enough or state.progress.steps >= len(starts.plan(problem, state.last))
+
+
+def likely(state: State) -> tuple[FittedStart, ...]:
+    """Return the arrays that are worth another fit, the likeliest first."""
+    found = state.starts or ()
+    return tuple(one for one in found if one.cost < found[0].cost + WORSE)[:MAX_RESTARTS]
+
+
+def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
+    """Yield number, kind and positions (N, D), metres, of the starts from number `first` on that can be computed.
+
+    InputError or LinAlgError if the modes determine none, and none was found before.
+    """
+    reported, plan = noise.given_noise(problem, state), starts.plan(problem, state.last)
+    level = None if reported is None else float(np.median(reported[state.modes]))
+    for number, one in list(enumerate(plan))[first:]:
+        try:
+            x = starts.start(_seen_by(problem, one), state.last, level, one)
+        except (InputError, np.linalg.LinAlgError):
+            if number + 1 == len(plan) and not state.starts:
+                raise
+        else:
+            yield number, one, x
+
+
+def _seen_by(problem: Problem, one: starts.Start) -> Problem:
+    return problem if one.given else starts.without_given(problem)
+
+
+def _with_start(problem: Problem, state: State, one: starts.Start, x: np.ndarray) -> tuple[FittedStart, ...]:
+    """Return the arrays found so far and the one where the start at `x` (N, D), metres, ends, the likeliest first.
+
+    A start without given positions is aligned with these afterwards, so that a wrong given position does not deform it.
+    """
+    found, chosen = state.starts or (), _seen_by(problem, one)
+    ended = fitted(chosen, state, x, one.lowest, found)
+    if any(ended is other for other in found):
+        return tuple(replace(other, hits=other.hits + (other is ended)) for other in found)
+    ended = replace(ended, positions=in_frame(problem, state.settings, ended.positions, one.given))
+    return tuple(sorted((*found, ended), key=lambda other: other.cost))
+
+
+FIT_STEPS = 6  # steps at each number of modes at most
+FIT_PRESSURES = 4000  # approximate number of pressures in a fit; evenly spaced modes are used where there are more
+FIT_MODES = 24  # least number of modes in a fit, if there are as many
+FIT_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further
+FIT_NATS = 1.0  # a fit also ends when the cost falls by less
+
+
+def fitted(
+    problem: Problem, state: State, positions: np.ndarray, lowest: int, found: tuple[FittedStart, ...] = ()
+) -> FittedStart:
+    """Return where a start at `positions` (N, D), metres, ends, fitted to the `lowest` modes first, then to more.
+
+    With all modes gains and gross faults of the channels are sought too, twice, since the first of these fits assumes
+    too much noise. A fit that reaches an array of `found` ends there: it would go on as that one did.
+    """
+    here, last = begin_restart(problem, state, positions), state.last
+    cap = max(FIT_MODES, FIT_PRESSURES // len(positions))
+    for count in (*(n for i in range(32) if (n := lowest * 2**i) < last), last, last):
+        stage = FREE if count < last else GAINS
+        here = replace(here, last=count, progress=replace(here.progress, stage=stage))
+        here = begin_stage(problem, noise.with_noise(problem, here), stage)
+        if count == last:
+            here = relocated(problem, here)[0]
+        for _ in range(FIT_STEPS):
+            here, _, trial = moved_once(problem, here, objectives.used_modes(problem, here, cap))
+            if trial.moved < FIT_TOLERANCE or trial.decrease < FIT_NATS:
+                break
+        for one in found:
+            if same_array(problem, one, here.positions):
+                return one
+    used = objectives.used_modes(problem, here, cap)
+    objective = objectives.objective_of(problem, here, used)
+    cost = replace(objective, priors=objective.priors.without_given()).finite_cost(objectives.unknowns_of(here))
+    cost += noise.hyper_cost(objective.field, objectives.corrected(problem, here, used))
+    cost += len(positions) * float(np.log(here.model.gain_sigma * here.model.phase_sigma))
+    here = noise.with_silent_inside(problem, here)
+    return FittedStart(here.positions, noise.healthy(here.model), cost, hits=1)
+
+
+def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> bool:
+    """Return whether the healthy channels of a start, at least half of all, stand as in `positions` (N, D), metres."""
+    apart = np.linalg.norm(align(one.positions, positions) - positions, axis=1)[one.healthy]
+    shortest = 2 * np.pi / float(np.real(problem.wavenumbers).max())
+    return bool(2 * len(apart) >= len(positions) and apart.max() < DIFFERENT * shortest)
