@@ -234,11 +234,6 @@ def rms_radius(positions: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
 
 
-def _undersampled(seen: Judged) -> str:
-    count, limit, highest = np.sum(seen.healthy), f"{seen.f_max:.0f} Hz (Eq. 9)", f"{seen.highest:.0f} Hz"
-    return f"{count} microphones so far apart interpolate up to {limit}, but modes up to {highest} are in use"
-
-
 def _few_right(seen: Judged, limit: float) -> bool:
     """Whether too many given positions are wrong, or too few are right to fix the frame; one may be misplaced."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
@@ -294,13 +289,9 @@ def precision(sigma: np.ndarray, residual: float | None) -> str:
     return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
 
 
-def _named(faults: Sequence[ChannelFault]) -> str:
-    """Return the names of microphones as a text."""
-    return _listed([fault.name for fault in faults])
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Return names as a text: "a, b and c"."""
+def _listed(parts: Sequence[str | ChannelFault]) -> str:
+    """Return names, or those of the microphones with faults, as a text: "a, b and c"."""
+    names = [part if isinstance(part, str) else part.name for part in parts]
     return ", ".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -347,11 +338,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             reason="a single wave passes the array, because there are hardly any reflections"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
-                         f" {_named(seen.unexplained)}: {CAUSES}",
+                         f" {_listed(seen.unexplained)}: {CAUSES}",
             "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
-                         f" {_named([*seen.faulty.values()])}: too few are left that agree",
+                         f" {_listed([*seen.faulty.values()])}: too few are left that agree",
             "check their cables and gains",
             0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
@@ -359,14 +350,16 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
             "", 0.1, "uneven channels over all; fewer are single noisy channels"),
-    Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max, _undersampled,
+    Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max,
+            lambda seen: f"{np.sum(seen.healthy)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz"
+                         f" (Eq. 9), but modes up to {seen.highest:.0f} Hz are in use",
             "use more microphones closer together", reason="modes above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: "the solver ended while microphones still moved, by up to"
                          f" {seen.step_left:.2g} times their one sigma", "",
             3.0, "Newton step left over one sigma"),
     Finding("known_position", _few_right,
-            lambda seen: f"known microphone {_named(seen.wrong_given)}: the position given contradicts the recordings;"
+            lambda seen: f"known microphone {_listed(seen.wrong_given)}: the position given contradicts the recordings;"
                          " it or the sound speed is wrong, or the channel is swapped with another",
             "check the positions and the cables of the known microphones",
             0.2, "misplaced given positions over all; more leave no frame to trust"),
@@ -436,6 +429,11 @@ class JudgedRoom:
         return one_sigma(self.estimate.covariance)
 
     @property
+    def worst(self) -> str:
+        """Name of the microphone with the largest residual."""
+        return self.names[int(self.estimate.channel_residual.argmax())]
+
+    @property
     def displaced(self) -> list[tuple[str, float]]:
         """Known microphones that are far from their given position, and the distances, metres."""
         known, problem = self.estimate.problem.known, self.estimate.problem
@@ -445,15 +443,8 @@ class JudgedRoom:
 
 
 def _faulty_in_room(seen: JudgedRoom, limit: float) -> bool:
-    part = seen.estimate.channel_residual
-    modes = len(seen.estimate.pressures)
-    worst = float(part.max())
-    return len(part) >= 5 and worst >= limit * float(np.median(part)) and worst >= LARGE_RESIDUAL * modes
-
-
-def _worst_in_room(seen: JudgedRoom) -> str:
-    name = seen.names[int(seen.estimate.channel_residual.argmax())]
-    return f"microphone {name}: no place in this room explains its recording; leave it out with <exclude> {name}"
+    part, modes = seen.estimate.channel_residual, len(seen.estimate.pressures)
+    return len(part) >= 5 and part.max() >= max(limit * float(np.median(part)), LARGE_RESIDUAL * modes)
 
 
 def _other_size(seen: JudgedRoom, limit: float) -> bool:
@@ -480,7 +471,9 @@ MIN_DISPLACED = 0.01  # metres; a known microphone farther than this and five si
 
 # fmt: off
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
-    Finding("odd_channel", _faulty_in_room, _worst_in_room,
+    Finding("odd_channel", _faulty_in_room,
+            lambda seen: f"microphone {seen.worst}: no place in this room explains its recording; leave it out with"
+                         f" <exclude> {seen.worst}",
             "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
     Finding("too_noisy", lambda seen, limit: seen.estimate.noise_fraction > limit,
             lambda seen: f"{100 * seen.estimate.noise_fraction:.0f} % of the power is unexplained", "",

@@ -27,7 +27,7 @@ from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
-from ..session.process import ended_as_interrupted, one_blas_thread_for_command
+from ..session.process import ended_as_interrupted, one_blas_thread
 from ..session.sources import with_settings
 from . import file_commands, plot_commands, report
 from . import options as opt
@@ -84,7 +84,7 @@ def main(args: list[str] | None = None) -> None:
     given = [argument for argument in given[:stop] if argument != "--debug"] + given[stop:]
     output: Any = PrintableOutput(sys.stdout)
     try:
-        with contextlib.redirect_stdout(output), ended_as_interrupted(), one_blas_thread_for_command():
+        with contextlib.redirect_stdout(output), ended_as_interrupted(), one_blas_thread():
             code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
             try:
                 sys.stdout.flush()

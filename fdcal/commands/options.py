@@ -88,20 +88,6 @@ def _separated(
     return read
 
 
-def _noise_level(value: str) -> str:
-    if value not in ("auto", "reported") and not abs(float(value)) <= LIMITS.decibels:
-        raise ValueError
-    return value
-
-
-def _band(value: str) -> tuple[float, float]:
-    low, high = map(float, value.split(":"))
-    if not 0 < low < high < LIMITS.largest:
-        raise ValueError
-    return low, high
-
-
-whole_numbers = ValueOf(_separated(",", int), "is not a list of whole numbers; write them as 1,5,9")
 numbers = ValueOf(_separated(","), "is not a list of numbers; write them as 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
 distance = ValueOf(
@@ -115,16 +101,12 @@ picture_size = ValueOf(
     _separated("x", int, MIN_PIXELS, MAX_PIXELS, (2,)),
     f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
 )
-noise_level = ValueOf(
-    _noise_level,
-    f'is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}',
-)
 gain_sigma = ValueOf(  # dB and degrees
     lambda value: tuple(map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value, re.IGNORECASE))),
     "must be decibels and degrees with their units, as 1dB,5deg",
 )
 length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
-band = ValueOf(_band, "is not a band; write LO:HI in hertz, as 20:300")
+band = ValueOf(_separated(":", counts=(2,)), "is not a band; write LO:HI in hertz, as 20:300")
 duration = ValueOf(_with_unit("ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s")
 source_number = ValueOf(
     lambda value: value if value == "all" else int(value), "is not the number of a source; write one from 0, or all"
@@ -157,13 +139,6 @@ def search_domain(own: Search | None, dimension: int, search: Sequence[float] | 
         remedy = f"give {2 * dimension + 1} metres: {layout}"
         raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search")
     return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
-
-
-def microphone_number(number: int, count: int) -> int:
-    """Return the number of a microphone, counted from 0; InputError if there is none."""
-    if not 0 <= number < count:
-        raise InputError(f"--microphone {number} does not exist", f"the array has 0 to {count - 1}", key="microphone")
-    return number
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
@@ -302,9 +277,7 @@ def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> C
     return add
 
 
-solver_options = declared_options(
-    SolverSettings, known=str, noise=noise_level, known_sigma=length, sound_speed_sigma=percentage
-)
+solver_options = declared_options(SolverSettings, known=str, known_sigma=length, sound_speed_sigma=percentage)
 
 
 # The options of recordings that `calibrate` and `doctor` have; `import` has all.

@@ -9,14 +9,13 @@ import click
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..model.measurement import Measurement
+from ..model.measurement import Measurement, microphone_index
 from ..model.settings import search_around
 from ..model.storage import folder_in_progress, write_atomically
-from ..model.validation import InputError
+from ..model.validation import InputError, parse_modes
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, as_given, with_settings
 from . import options as opt
-from .options import microphone_number
 from .report import error_title
 
 if TYPE_CHECKING:
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("source", metavar="SCENE|FILE.npz")
-@opt.option("--microphone N", "The microphone to move, counted from 0.", type=int, required=True)
-@opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1.  [default: 1,5,9]", type=opt.whole_numbers)
+@opt.option("--microphone N", "The microphone to move: its name, or its number from 0.", required=True)
+@opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1, as 1-3,9.  [default: 1,5,9]")
 @opt.result_option
 @opt.output_option("FIG.png|svg|vti")
 @opt.search_option
@@ -47,11 +46,9 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
 
     inputs = opt.input_of(source, search, radius)
     measurement = inputs.measurement
-    n = microphone_number(microphone, measurement.count)
-    measured, remedy = len(measurement.frequencies), f"the measurement has 1 to {len(measurement.frequencies)}"
-    if wrong := [mode for mode in mode_numbers or () if not 1 <= mode <= measured]:
-        raise InputError(f"--mode-numbers names mode {wrong[0]}", remedy, key="mode_numbers")
-    modes = sorted(set(mode_numbers or [mode for mode in (1, 5, 9) if mode <= measured]))
+    n = microphone_index(microphone, measurement.names, "microphone")
+    measured = len(measurement.frequencies)
+    modes = parse_modes(mode_numbers, measured) if mode_numbers else [one for one in (1, 5, 9) if one <= measured]
     positions = shown_positions(measurement, opt.result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         from ..graphics.exports import volume_vti
@@ -118,7 +115,7 @@ def field(source, result, frequencies, step, output, force):
 @click.command()
 @click.argument("scene")
 @opt.result_option
-@opt.option("--microphone N", "Draw its cost landscape: on the floor, or as isosurfaces in space.", type=int)
+@opt.option("--microphone N", "Draw its cost landscape: on the floor, or as isosurfaces in space.")
 @opt.option("--view", "Camera position.", type=["top", "3d", "close"], default="top")
 @opt.option("--size WxH", "Pixels.", type=opt.picture_size, default="1280x800")
 @opt.output_option("FILE.png")
@@ -133,17 +130,17 @@ def snapshot(scene, result, microphone, view, size, output, force):
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
         raise InputError(f"{scene} is a measurement", "give a scene", key="scene")
-    positions, title, floor, volume = None, scene_shown.title, None, None
+    positions, title, floor, volume, n = None, scene_shown.title, None, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
         title += f": {error_title(measurement, found)}"
     if microphone is not None:
-        n = microphone_number(microphone, measurement.count)
+        n = microphone_index(microphone, measurement.names, "microphone")
         modes = inputs.settings.modes if found is None else len(found.frequencies)
         floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes)
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
-    picture = compose(scene_shown, measurement, positions, microphone, floor, title)
+    picture = compose(scene_shown, measurement, positions, n, floor, title)
     render(with_volume(picture, volume), path, size, view, force)
     print(path)
 
@@ -153,7 +150,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
 @opt.solver_option
 @opt.modes_option
 @opt.seed_option
-@opt.option("--microphone N", "Whose map is shown first, counted from 0.", type=int)
+@opt.option("--microphone N", "Whose map is shown first: its name, or its number from 0.")
 @opt.output_option("FILE.html")
 @opt.search_option
 @opt.radius_option
@@ -171,7 +168,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
 
     inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)
     if microphone is not None:
-        microphone_number(microphone, inputs.measurement.count)
+        microphone = microphone_index(microphone, inputs.measurement.names, "microphone")
     with opt.progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title

@@ -247,10 +247,7 @@ class Source:
 
     @property
     def place(self) -> Point:
-        """The only position of the source, metres; InputError if it has several."""
-        if self.position is None and len(self.positions) != 1:
-            problem = f"the source has {len(self.places)} positions, and one is simulated at a time"
-            raise InputError(problem, "use the scenes of Scene.takes()", key="source.positions")
+        """The only position of the source, metres; ValueError if it has several (see `Scene.takes`)."""
         (place,) = self.places
         return place
 

@@ -150,7 +150,7 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
 
 def segment_levels(recording: Recording, band: Band) -> np.ndarray:
     """Return the power in the band in each segment, mean over a few channels : (segments,) float64."""
-    reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+    reduced, fs = _reduced(recording, band)
     samples = reduced.shape[1]
     padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
     f = np.arange(padded // 2 + 1) * fs / padded
@@ -163,9 +163,9 @@ def segment_levels(recording: Recording, band: Band) -> np.ndarray:
     return total / len(reduced)
 
 
-def _reduced(recording: Recording, channels: np.ndarray, min_rate: float) -> tuple[np.ndarray, float]:
-    """Return channels (n, t) averaged over neighbouring samples, and their rate, `min_rate` or more if possible, Hz."""
-    factor = max(1, int(recording.sample_rate / min_rate))
+def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
+    """Return a few channels (n, t) averaged over neighbouring samples, and their rate, suited to a band, Hz."""
+    channels, factor = _measured_channels(recording), max(1, int(recording.sample_rate / (16 * band[1])))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
     for start in range(0, recording.samples - factor + 1, step):
@@ -267,7 +267,7 @@ def require_quiet_end(recording: Recording, band: Band) -> None:
         end, lowest = float(level[0]), float(level.min())
     rises = end > max(RISE * lowest, DECAY.min_power * level.max())
     if rises and top < last:
-        reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+        reduced, fs = _reduced(recording, band)
         samples = reduced.shape[1]
         length = max(8, samples // DECAY.segments)
         low = max(band[0], min(3 * fs / length, band[1] / 3))

@@ -97,8 +97,7 @@ def assess_state(
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     """Return the numbers of the two microphones whose distance is given."""
-    if inputs.distance is None:
-        raise InputError("no distance is given", "give <distance>", key="distance")
+    assert inputs.distance is not None
     names = inputs.measurement.names
     first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])
     if first == second:

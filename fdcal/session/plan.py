@@ -35,6 +35,7 @@ from ..model.gauge import fixes_gauge
 from ..model.measurement import checked_known
 from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
 from ..model.validation import (
+    LIMITS,
     InputError,
     Metres,
     MetresPerSecond,
@@ -155,7 +156,7 @@ class PlanRequest:
     # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
     room: tuple[Metres, ...] | None = None
     reverberation_time: Seconds = 0.5
-    snr_db: float = 30.0  # signal-to-noise ratio of each frequency
+    snr_db: Annotated[float, within(LIMITS.smallest, PLAN_LIMITS.max_snr_db, "dB")] = 30.0  # of each frequency
     # (2,) tuple of float, Hz; the default is 20 Hz to 0.7 times what the array can interpolate (Eq. 9). No frequency
     # above what the array can interpolate is used
     band: tuple[float, float] | None = None
@@ -184,9 +185,6 @@ class PlanRequest:
             problem = f"microphones {first} and {second} are at the same position"
             raise InputError(problem, "move them apart, or leave one out", key="layout")
         check(self, names={"snr_db": "snr", "band": "frequencies"})
-        if not 0 < self.snr_db <= PLAN_LIMITS.max_snr_db:
-            remedy = f"use more than 0 and at most {PLAN_LIMITS.max_snr_db:g}"
-            raise refusal("snr", self.snr_db, "is out of range", remedy, "dB")
         if room is not None and len(room) not in (2, 3):
             raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
         if room is not None and len(room) < D:

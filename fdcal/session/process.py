@@ -7,9 +7,7 @@ than they save, most of all beside another process. Importing fdcal changes noth
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
-import sys
 import threading
 from collections.abc import Callable, Iterator
 
@@ -57,7 +55,6 @@ def ended_as_interrupted() -> contextlib.AbstractContextManager[None]:
     return _handled_by(signal.default_int_handler, every=False)
 
 
-VARIABLE = "OPENBLAS_NUM_THREADS"
 _lock = threading.Lock()
 _computations: list[int] = []  # one entry for each computation that runs
 _limits: list[tuple] = []  # controller, limit and thread of the first of them
@@ -88,26 +85,6 @@ def one_blas_thread() -> Iterator[None]:
                 _release(controller, force=thread != threading.get_ident())
                 limit.restore_original_limits()
                 _release(controller)
-
-
-@contextlib.contextmanager
-def one_blas_thread_for_command() -> Iterator[None]:
-    """Limit BLAS to one thread in the block, without loading NumPy before a command needs it.
-
-    If NumPy is not loaded yet, a variable of the environment sets the limit, which BLAS reads when it is loaded, in
-    this process and in child processes. The environment is restored after the block.
-    """
-    if "numpy" in sys.modules:
-        with one_blas_thread():
-            yield
-        return
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = before or "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[VARIABLE]
 
 
 def _release(controller, force: bool = False) -> None:

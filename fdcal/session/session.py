@@ -252,15 +252,11 @@ class SolverRun:
         else:
             self._publish(running=True, error="")
 
-    def reset(self, seed: int | None = None, settings=None) -> None:
-        """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
-        seed, module = self._seed if seed is None else int(seed), self._module
-        if settings is None:
-            settings = self._settings
-        elif settings.name != self._settings.name:
-            module = solvers.load(settings.name)
-        state = module.init(self._problem, settings, seed)
-        self._module, self._settings, self._seed, self._reached = module, settings, seed, None
+    def reset(self, seed: int | None = None) -> None:
+        """Restart, with `seed` or the last one used."""
+        seed = self._seed if seed is None else int(seed)
+        state = self._module.init(self._problem, self._settings, seed)
+        self._seed, self._reached = seed, None
         self._keep([state])
 
     def seek(self, index: int) -> None:

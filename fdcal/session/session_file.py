@@ -10,6 +10,7 @@ import dataclasses
 import io
 import json
 import math
+import pickle
 import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -39,8 +40,7 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 def write(opening: OpenRequest) -> bytes:
     """Return the bytes of the .zip of a request that has a measurement and states; InputError for NaN or infinity."""
-    if opening.measurement is None:
-        raise ValueError("a session without a measurement cannot be written")
+    assert opening.measurement is not None
     scene = opening.scene
     if isinstance(scene, MeasuredScene):
         scene = dataclasses.replace(scene, file="")  # the measurement itself is in the session
@@ -111,19 +111,14 @@ def _opening(text: bytes, packed: bytes) -> OpenRequest:
 
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or fewer if the file would be too large, `index` among them."""
-    largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
+    largest = max(
+        len(pickle.dumps(state)) for state in (run[0], run[len(run) // 2], run[-1])
+    )  # about its size in bytes
     max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
     if len(run) <= max_count:
         return list(range(len(run)))
     even = np.linspace(0, len(run) - 1, max_count - 1).round().astype(int).tolist()
     return sorted({*even, len(run) - 1 if index is None else index})
-
-
-def state_bytes(record) -> int:
-    """Return about how many bytes a state, or a record inside it, takes."""
-    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
-    arrays = sum(value.nbytes for value in values if isinstance(value, np.ndarray))
-    return 200 + arrays + sum(state_bytes(value) for value in values if dataclasses.is_dataclass(value))
 
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers

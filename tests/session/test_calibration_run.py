@@ -124,5 +124,5 @@ def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement
     assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
     table = ROOT / "examples" / NAME / "nominal.csv"
     assert not fdcal.load(path, positions=table).nominal
-    with pytest.raises(InputError, match="nominal is neither true nor false"):
+    with pytest.raises(InputError, match="nominal = 1 must be true or false"):
         dataclasses.replace(measurement, nominal=1)

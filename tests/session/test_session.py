@@ -335,27 +335,6 @@ def test_a_microphone_placed_by_the_user_is_a_state_of_its_own(make):
     assert tuple(view.history[1].positions[1]) == (1.0, 1.0), "an earlier state has changed"
 
 
-def test_reset_takes_other_settings(make, monkeypatch):
-    from fdcal import solvers
-
-    @dataclass(frozen=True)
-    class Settings:
-        name: str
-
-    class Other(Counter):
-        def init(self, problem, settings, seed):
-            return Count(step=11, seed=seed)
-
-    monkeypatch.setattr(solvers, "load", lambda name: Other())
-    session = Session(None, Settings("counter"), 3, module=Counter())
-    try:
-        session.reset(settings=Settings("other"))
-        assert session.wait_for(lambda view: view.state.step == 11, WAIT)
-        assert session.view.state.seed == 3 and session.view.count == 1
-    finally:
-        assert session.close(WAIT)
-
-
 def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
     from fdcal.session import session as module
 
