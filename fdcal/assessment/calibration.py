@@ -9,18 +9,15 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..model.gauge import align, in_frame, position_errors
-from ..model.measurement import Measurement
+from ..model.measurement import Measurement, MicrophonePositions
 from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, frozen_array, length_text
-
-if TYPE_CHECKING:
-    from ..model.measurement import MicrophonePositions
 
 DECIBELS_PER_NEPER = 20 / np.log(10)
 CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
@@ -445,7 +442,5 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
     if frame == "known" and result.known == ():
         problem = "frame = known, but no microphone was known"
         raise InputError(problem, "use <frame> minimal or axes", key="frame")
-    from ..model.measurement import MicrophonePositions
-
     positions = result.positions if frame in (None, result.frame) else in_frame(result.positions, frame)
     return MicrophonePositions(result.names, positions, result.uncertainty, frame or result.frame)

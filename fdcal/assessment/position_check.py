@@ -9,15 +9,12 @@ Several disjoint bases are tried, so that a few wrong points do no harm.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.gauge import align
 from ..model.validation import InputError, frozen_array, require_finite
-
-if TYPE_CHECKING:
-    from .calibration import Calibration
+from .calibration import Calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,7 +444,7 @@ class ListFit:
         return bool(self.misplaced or self.repeated) or self.sized or (self.poor and self.trusted)
 
 
-def fit_result(check: PositionCheck, result: "Calibration", given) -> ListFit:
+def fit_result(check: PositionCheck, result: Calibration, given) -> ListFit:
     """Return the result of `fit_list` for the array of a calibration, without its dead channels."""
     dead = {fault.name for fault in (result.channels.faults if result.channels else ()) if fault.kind == "dead"}
     numbers = [n for n, name in enumerate(result.names) if name in dead]

@@ -41,6 +41,7 @@ DUPLICATE = 1e-9  # difference of two channels up to a factor, relative to their
 PARALLEL = 1e-6  # 1 - abs(correlation) up to which the difference of two channels is computed
 
 
+OF_ROWS = ("frequencies", "pressures", "wavenumbers", "noise_power", "takes")  # fields with an entry for each row
 COMPUTED: Any = None  # default of a field that `__post_init__` then computes
 
 
@@ -377,14 +378,11 @@ class Measurement:
         spectrum, others = self.spectrum, np.arange(take + 1)[:, None] != take
         if spectrum is not None and len(spectrum) > 2:  # one for each take
             spectrum = spectrum[[0, 1 + int(np.searchsorted(numbers, take))]]
+        rows = {key: values[chosen] for key in OF_ROWS if (values := getattr(self, key)) is not None}
         return replace(
             self,
-            frequencies=self.frequencies[chosen],
-            pressures=self.pressures[chosen],
-            wavenumbers=self.wavenumbers[chosen],
-            noise_power=None if self.noise_power is None else self.noise_power[chosen],
+            **rows,
             spectrum=spectrum,
-            takes=self.takes[chosen],
             arrivals=None if self.arrivals is None else np.where(others, np.nan, self.arrivals[: take + 1]),
             arrival_sigma=None if self.arrival_sigma is None else self.arrival_sigma[: take + 1],
             windows=None if self.windows is None else self.windows.of_take(take),
@@ -473,24 +471,12 @@ class Measurement:
             problem = f'pressures of {wrong[0]:.3g} cannot be squared with solver.weights = "raw"'
             unit = f"use another unit, between {LIMITS.weakest:g} and {LIMITS.strongest:g}"
             raise InputError(problem, f'{unit}, or solver.weights = "unit"', key="solver.weights")
-        everything = known == "all"
-        return Problem(
-            pressures=frozen_array(pressures, complex),
-            wavenumbers=self.wavenumbers,
-            frequencies=self.frequencies,
-            known=self.known if everything else frozen_array([], np.int64),
-            known_positions=self.known_positions if everything else frozen_array(self.known_positions[:0], float),
-            search=self.search,
-            noise_power=None if noise is None else frozen_array(noise, float),
-            sound_speed=self.sound_speed,
-            dimension=self.dimension,
-            array_dimension=self.array_dimension,
-            frame=minimal_frame(self.known, self.known_positions) if known == "minimal" else None,
-            takes=self.takes,
-            arrivals=self.arrivals,
-            arrival_sigma=self.arrival_sigma,
-            windows=self.windows,
-        )
+        own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(Problem) if one.name != "frame"}
+        own["pressures"] = frozen_array(pressures, complex)
+        own["noise_power"] = None if noise is None else frozen_array(noise, float)
+        if known != "all":
+            own |= {"known": self.known[:0], "known_positions": self.known_positions[:0]}
+        return Problem(**own, frame=minimal_frame(self.known, self.known_positions) if known == "minimal" else None)
 
 
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:

@@ -28,6 +28,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from ..acoustics.dictionary import array_f_max
+from ..acoustics.measure import cached_measurement
 from ..acoustics.room_modes import independent_frequencies
 from ..assessment.uncertainty import Bound, Information, Prior, diffuse_information, position_bound
 from ..model.arrays import WALL_DISTANCE_M, geometry, hull_meets, positions_of, random_source
@@ -92,8 +93,6 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         if not isinstance(scene, MeasuredScene):
             positions = positions_of(scene)
             return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
-        from ..acoustics.measure import cached_measurement  # brings the signal library, which no other layout needs
-
         measurement = cached_measurement(scene)
         if measurement.positions is not None:
             return Layout(scene.name, measurement.names, measurement.positions)

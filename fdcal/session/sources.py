@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..acoustics.fdtd import make_grid
+from ..acoustics.measure import cached_measurement, require_measurable
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.measurement import FLAT, Measurement, exclude_microphones, list_labels, load_measurement, with_positions
@@ -143,8 +145,6 @@ def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str,
 
 def scene_input(scene: Scene, progress: ProgressReport | None = None) -> CalibrationInput:
     """Return the measurement of a scene, simulated or from the cache, or from the file of a measured scene."""
-    from ..acoustics.measure import cached_measurement  # brings the simulation, which only scenes need
-
     measurement = cached_measurement(scene, progress)
     if isinstance(scene, MeasuredScene):
         return replace(measurement_input(measurement, scene.name), title=scene.title)
@@ -168,9 +168,6 @@ def check_scene(scene: Scene) -> None:
     """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit."""
     if isinstance(scene, MeasuredScene):
         return
-    from ..acoustics.fdtd import make_grid
-    from ..acoustics.measure import require_measurable
-
     positions_of(scene)
     require_measurable(scene)
     if scene.room.dimension == 2:
