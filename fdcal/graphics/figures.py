@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import takewhile
@@ -192,14 +191,6 @@ def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positio
         label = "_"  # one entry of the legend for all
 
 
-def html_table(heads: Sequence[str], rows: Sequence[Sequence[str]], omitted: int = 0) -> str:
-    """Return a table, with a line for the number of rows that are left out."""
-    head = "".join(f"<th>{text}</th>" for text in heads)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    more = f'<tr><td colspan="{len(heads)}">and {omitted} more</td></tr>' if omitted else ""
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}{more}</tbody></table>"
-
-
 ROWS = 12  # microphones that are listed; the first ones
 
 
@@ -212,16 +203,18 @@ def calibration_html(result: Calibration) -> str:
     )
     sigma = ["known" if name in known else text for name, text in zip(result.names, sigma, strict=True)]
     axes = [f"{axis} (m)" for axis in "xyz"[: result.positions.shape[1]]]
-    heads = ["microphone", *axes, "one sigma (mm)", "error (mm)"]
+    heads = "".join(f"<th>{text}</th>" for text in ("microphone", *axes, "one sigma (mm)", "error (mm)"))
     cells = zip(result.names, result.positions, sigma, error, strict=True)
     rows = [[name, *(f"{value:z.4f}" for value in position), *others] for name, position, *others in cells][:ROWS]
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    body += f"<tr><td colspan='{len(axes) + 3}'>and {count - ROWS} more</td></tr>" if count > ROWS else ""
     f, verdict, text = result.frequencies, escape(result.verdict.replace("_", " ")), escape(result.verdict_text)
     run = f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
     coded = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
     return (
         f"<p><b>{verdict}</b>: {text}<br>{escape(run)}</p>"
         f'<img alt="positions of the microphones" style="max-width:100%" src="data:image/png;base64,{coded}">'
-        f"{html_table(heads, rows, max(0, count - ROWS))}"
+        f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
     )
 
 

@@ -51,14 +51,6 @@ def stars(centres: np.ndarray, radius: float, arms: int = 2) -> np.ndarray:
     return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
 
 
-def polygons(centres: np.ndarray, radius: float, corners: int) -> np.ndarray:
-    """Return the sides (P corners, 2, 3) of a regular polygon around each centre (P, 3), one level at the bottom."""
-    angles = -np.pi / 2 + np.pi / corners + 2 * np.pi * np.arange(corners) / corners
-    rim = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    sides = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
-    return (centres[:, None, None, :] + sides).reshape(-1, 2, 3)
-
-
 def squares(centres: np.ndarray, edge: float) -> Triangles:
     """Return a filled square of side `edge`, metres, around each of the (P, 3) `centres`, four vertices each."""
     corner = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

@@ -185,14 +185,9 @@ def marked(name: str, places: np.ndarray, marker_radius: float) -> tuple[Mesh, M
     if mark.shape == "square":
         wider = glyphs.squares(places, 2 * reach + mark.halo * marker_radius)
         return _with_halo(mark, glyphs.squares(places, 2 * reach), wider, marker_radius)
-    if mark.shape == "cross":
-        return strokes(name, glyphs.stars(places, reach), marker_radius)
-    if mark.shape == "diamond":
-        corners = reach * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-        return strokes(name, (places[:, None, None] + glyphs.loop(corners, 0.0)).reshape(-1, 2, 3), marker_radius)
-    bar = np.sqrt(0.5) * reach * np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]])
-    bars, circle = places[:, None] - bar, glyphs.polygons(places, reach, CIRCLE_SIDES)
-    return strokes(name, np.concatenate([circle, bars]), marker_radius)
+    pieces = np.concatenate([np.stack([path[:-1], path[1:]], axis=1) for path in map(np.array, mark.paths)])
+    segments = places[:, None, None] + np.pad(reach / mark.size * pieces, ((0, 0), (0, 0), (0, 1)))
+    return strokes(name, segments.reshape(-1, 2, 3), marker_radius)
 
 
 def strokes(

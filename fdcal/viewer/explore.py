@@ -65,13 +65,6 @@ def run_curve(view: SessionView) -> tuple[str, str]:
     return path, f"misfit along the run, {cost.max():z.1f} to {cost.min():z.1f} dB"
 
 
-def summed_text(modes: tuple[int, ...]) -> str:
-    """Return the modes of a map: "1 to 92", or "92" for a single one."""
-    if len(modes) == 1:
-        return str(modes[0])
-    return f"{modes[0]} to {modes[-1]}" if len(modes) == modes[-1] - modes[0] + 1 else modes_text(modes)
-
-
 @lru_cache(maxsize=64)
 def thumbnail(name: str) -> tuple[str, str]:
     """Return title and drawing of a scene that comes with fdcal; the drawing of a measured array is a ring.
@@ -158,6 +151,8 @@ class Explore:
         # a map may not have all modes that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
+        in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1
+        summed = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes)
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
@@ -181,7 +176,7 @@ class Explore:
             f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
             f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"{_slider(binding, 'state', 'State of the run')}</div>"
-            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed_text(modes)}</output>"
+            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed}</output>"
             f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
             f"<button data-do='sweep'>{add}</button>"
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"

@@ -133,8 +133,9 @@ class Page:
                 idle_from = now + SETTLING
             if now < idle_from:
                 self.tick(now)
-            elif now - self._checked > CANVAS_INTERVAL:
-                self._follow_canvases(now)
+            if now - self._checked > CANVAS_INTERVAL:  # canvases change their sizes without notice
+                self._checked = now
+                self.nodes.cameras.follow_all(self._server.get_clients().values())
             next_check = max(next_check + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
             if self.wake.wait(next_check - time.perf_counter()):
                 next_check = now + 1 / MAX_RATE
@@ -180,17 +181,10 @@ class Page:
                     log.exception("the %s could not be updated", part)
                 self._faults[part] = repr(error)
         self.nodes.cameras.process_requests(self._server.get_clients().values())
-        if now - self._checked > CANVAS_INTERVAL:
-            self._follow_canvases(now)
         if self._releases and now > self._releases[0]:
             while self._releases and now > self._releases[0]:
                 self._releases.popleft()
             release_memory(self._server)
-
-    def _follow_canvases(self, now: float) -> None:
-        """Check the sizes of the canvases, which change without notice."""
-        self._checked = now
-        self.nodes.cameras.follow_all(self._server.get_clients().values())
 
     def _replace_session(self, prepared: Preparation) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""

@@ -32,9 +32,8 @@ class Plot:
     """Owns one plot.
 
     `title` has the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
-    abscissa, with its unit; `height`: pixels; `whole`: whether the
-    abscissa has ticks only at whole numbers; `legend`: whether the plot has a legend below it. `data` are the columns
-    on the page; `folder` contains the plot and can be made invisible.
+    abscissa, with its unit, which has ticks only at whole numbers; `height`: pixels; `legend`: whether the plot has a
+    legend below it. `data` are the columns on the page; `folder` contains the plot and can be made invisible.
     """
 
     def __init__(
@@ -44,11 +43,9 @@ class Plot:
         series: tuple[uplot.Series, ...],
         x: str,
         height: int = 215,
-        whole: bool = False,
         legend: bool = True,
     ):
         self._legend: Any = None if legend else {"show": False}
-        self._steps: dict[str, Any] = {"incrs": WHOLE_STEPS} if whole else {}
         self._gui, self._series, self._x, self._height = gui, series, x, height
         self.folder, self.title = gui.add_folder(None), title
         self.handle: viser.GuiUplotHandle | None = None
@@ -97,7 +94,7 @@ class Plot:
             y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
         scales = {"x": uplot.Scale(time=False), "y": y}
-        return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, **self._steps), axis)
+        return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, incrs=WHOLE_STEPS), axis)
 
 
 def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:

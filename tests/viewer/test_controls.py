@@ -104,7 +104,7 @@ def test_no_key_moves_the_camera_and_help_lists_each_and_every_mark():
     keys, html = {name.rpartition("+")[2] for name in KEYS}, help.text()
     assert not keys & set(CAMERA_KEYS) and keys <= set(typing.get_args(_messages.HotkeyKey))
     for name, (label, _) in KEYS.items():
-        assert f"<b>{name}</b>" in html and label in html
+        assert f"<th>{name}</th>" in html and label in html
     for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "fdcal"):
         assert word in html
 

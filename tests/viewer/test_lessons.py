@@ -19,7 +19,7 @@ from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.state import Choices
-from fdcal.viewer.tabs.lessons import NEXT, LessonsTab, apply_setting, caption_html, show_frame
+from fdcal.viewer.tabs.lessons import LessonsTab, apply_setting, caption_html, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
@@ -163,10 +163,10 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons.answer(1)
     assert "Not quite." in text_of(lessons), "the first answer counts"
     page.calls.clear()
-    lessons.go(NEXT)
+    lessons.go(1)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
     assert steps_of(lessons) == ["back", "restore", "next"] and "step 2 of 3" in text_of(lessons)
-    lessons.go(NEXT)
+    lessons.go(1)
     assert steps_of(lessons) == ["back", "restore"]
     lessons.end()
     assert not lessons.caption and f"{lesson.title}, step 3 of 3<" in lessons.list_html(), "where it was left"
@@ -207,7 +207,7 @@ def test_a_lesson_ends_with_the_next_one(page):
 def test_the_next_step_restores_the_scene_of_the_lesson(page):
     lessons = begun(page, load_lesson("4_frozen_grid"))
     page.viewer.binding.run = SimpleNamespace(scene=load_scene("tiny"), opening=None)
-    lessons.go(NEXT)
+    lessons.go(1)
     assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
 
 
@@ -216,8 +216,8 @@ def test_invalid_values_change_nothing(page):
     lessons.start("3. Too many too soon")
     before = lessons.progress
     for junk in ("", "Z", "AB", "Next ", None, EVIL, "a" * 300):
-        lessons.go(junk)
         lessons.start(junk)
+    lessons.go(-1)
     lessons.answer(3)
     lessons.answer(-1)
     assert lessons.progress == before
@@ -357,7 +357,7 @@ def test_a_lesson_sets_what_it_says_and_every_control_is_as_it_was_after_it(open
         lessons.answer(0)
         turn_until(lambda: page.switcher.idle and prepared(page))
         if number < len(steps) - 1:
-            lessons.go("Next")
+            lessons.go(1)
     assert controls_of(page.viewer) != before, "the lessons have set something"
     shown = page.viewer
     lessons.end()

@@ -8,7 +8,7 @@ import pytest
 from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, until
 
 from fdcal.viewer import opening
-from fdcal.viewer.explore import INVITATION, summed_text
+from fdcal.viewer.explore import INVITATION
 
 EXPLORE = COARSE.partition("#")[0]
 
@@ -128,11 +128,6 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.wait_for_function(f"() => ({COVERED})().length == 0")
     page.wait_for_function(f"() => ({EMPTY_BOXES})().length == 0")  # a folded section is a line with its name
     context.close()
-
-
-def test_one_mode_is_told_from_a_sum():
-    for modes, text in {(92,): "92", tuple(range(1, 93)): "1 to 92", (3, 4): "3 to 4", (1, 2, 3, 7): "1-3, 7"}.items():
-        assert summed_text(modes) == text
 
 
 def opened(browser, url, **options):

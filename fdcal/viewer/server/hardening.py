@@ -217,18 +217,6 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
 FREE_PORT = "use <port> 1024 to 65535, or <port> 0 for a free one"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
-BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, forms, transform controls, and
-    # uploads, which `own_files` takes itself
-    _messages.ShareUrlRequest,
-    _messages.ShareUrlDisconnect,
-    _messages.FileTransferStartUpload,
-    _messages.FileTransferPart,
-    _messages.GuiFormSubmitMessage,
-    _messages.GuiFormDirtyMessage,
-    _messages.TransformControlsUpdateMessage,
-    _messages.TransformControlsDragStartMessage,
-    _messages.TransformControlsDragEndMessage,
-)
 
 Result = TypeVar("Result")
 
@@ -272,8 +260,10 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
     finally:
         module.serve = serve
-    for message in BLOCKED_MESSAGES:
-        server._websock_server.unregister_handler(message)
+    for message in [*server._websock_server._incoming_handlers]:
+        name = message.__name__
+        if name not in COSTS or name.startswith("FileTransfer"):  # `own_files` takes uploads itself
+            server._websock_server.unregister_handler(message)
     _drop_bad_updates(server)
     if port and server.get_port() != port:  # viser takes the next free port without a message
         without_output(server.stop)

@@ -36,10 +36,10 @@ class CurvesTab(Tab):
             )
             aligned = ", aligned" if measurement.blind else ""
             title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
-            self.error = Plot(gui, title, series, "sweeps", whole=True)
+            self.error = Plot(gui, title, series, "sweeps")
         title = f"Cost (Eq. 7, all {row_word(measurement)}s; dB re the power)"
         series = uplot.Series(label="sweeps"), uplot.Series(label="cost", stroke=BLUE, width=2.0)
-        self.cost = Plot(gui, title, series, "sweeps", whole=True)
+        self.cost = Plot(gui, title, series, "sweeps")
         self.plots = tuple(filter(None, (self.error, self.cost)))
 
     def inputs(self, state: PageState) -> tuple:

@@ -6,13 +6,15 @@ arrows, so none of them is used here. A key does nothing while a text is typed.
 
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import viser
 
-from ...graphics.marks import MARKS as DRAWN
+from ...graphics.marks import MARKS
+from ...graphics.replay import filled
 from ...model.scene import MEASURED_AND_MODELLED
-from ..html import CARD, Overlay, legend
+from ..html import Overlay, legend
 
 KEYS = {  # by the name of the key: what it does, and the command of a control or of the page
     "R": ("Play or pause", "play"),
@@ -55,56 +57,12 @@ def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
         added.on_trigger(partial(act, command))
 
 
-NUMBERS = {
-    "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"
-    " array without known microphones after the best rotation, translation and reflection. Where the positions to"
-    " compare with are nominal, those of a plan, it is called deviation",
-    "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
-    " measurement and relative to their power; it falls as the positions improve, with any method",
-    "Step, sweep": "one move of the solver; each microphone moved once",
-    "Mode (Hz)": "a peak of the room's power spectrum, numbered from 1 at the lowest frequency. Microphones are"
-    " numbered from 0",
-    "f_max (Hz)": "highest frequency at which the array can resolve a sound field (Eq. 9)",
-    "Order L": "2 L + 1 functions describe the field of a mode (Eq. 3)",
-    "&plusmn; &sigma; (mm)": "standard deviation of a position, once the solver has finished",
-}
-MOUSE = {
-    "drag": "rotates the scene; with the right button it moves the scene; the wheel zooms",
-    "click a microphone": "shows its map",
-    "drag a microphone": "shows the cost there; let go, it rolls into the minimum below it",
-    "Shift and drag": "moves its estimate to the pointer; the maps of all other microphones follow",
-    "Ctrl+K": "lists all commands by name",
-    "W A S D Q E, arrows": "move the camera",
-}
-MARKS = (
-    "<b>Trails</b> are pink. <b>Errors</b> are grey lines from the estimate to the true position. <b>Ellipses</b>"
-    " contain the true position with a probability of 95 %. The map is dark where the cost is low: in dark areas the"
-    " prediction matches what was recorded. Marks differ in shape as well as colour."
-)
-MORE = "The documentation, docs/ of the project, and the command <code>fdcal</code>, which lists all commands."
+HELP = Path(__file__).with_name("help.html")
 
 
 def text() -> str:
     """Return the contents of the tab as HTML."""
-    marks = f"{legend(mark for mark in DRAWN.values() if mark.text)}<div style='{CARD}'>{MARKS}</div>"
-    sections: dict[str, str | dict[str, str]] = {
-        "Keys": {name: escape(label) for name, (label, _) in KEYS.items()},
-        "Mouse": MOUSE,
-        "Marks": marks,
-        "Numbers": NUMBERS,
-        "Measured rooms": f"<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>",
-        "More": f"<div style='{CARD}'>{MORE}</div>",
-    }
-    html = ""
-    for title, content in sections.items():
-        html += f"<div style='{CARD} font-weight: 600; margin-top: 0.4em'>{title}</div>"
-        if isinstance(content, str):
-            html += content
-            continue
-        cells = "".join(
-            f"<tr><td style='white-space: nowrap; vertical-align: top; padding-right: 0.8em'><b>{name}</b></td>"
-            f"<td>{description}</td></tr>"
-            for name, description in content.items()
-        )
-        html += f"<div style='{CARD}'><table style='border-spacing: 0'>{cells}</table></div>"
-    return html
+    keys = "".join(f"<tr><th>{name}</th><td>{escape(label)}</td></tr>" for name, (label, _) in KEYS.items())
+    marks = legend(mark for mark in MARKS.values() if mark.text)
+    parts = {"KEYS": keys, "MARKS": marks, "ROOMS": MEASURED_AND_MODELLED}
+    return filled(HELP.read_text(encoding="utf-8"), parts)

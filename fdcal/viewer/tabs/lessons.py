@@ -145,8 +145,7 @@ INTRODUCTION = (
 WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
 
 
-BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
-COMMANDS = {"back": BACK, "restore": RESTORE, "next": NEXT}
+MOVES = {"back": -1, "restore": 0, "next": 1}  # command: by how many steps it goes on
 NEXT_STEP, NEXT_LESSON, HURRY = "Next step", "Next lesson: {}", "Run to the end"
 PREPARED, RUNS = "The scene of this step is being prepared", "The solver is running"
 
@@ -191,8 +190,10 @@ def caption_html(
         parts.append(f"<div class='choices'>{buttons}</div>")
     steps = _button("follow", following, "first") if following else ""
     steps += _button("hurry", HURRY) if awaited == RUNS else ""
-    steps += _button("back", BACK) if number else ""
-    steps += _button("restore", RESTORE) + (_button("next", NEXT) if number < last and not following else "")
+    steps += _button("back", "Back") if number else ""
+    steps += _button("restore", "Restore settings") + (
+        _button("next", "Next") if number < last and not following else ""
+    )
     steps += _button("end", "End lesson")
     return f"{''.join(parts)}{complaint(error)}<div class='steps' id='fdcal-steps'>{steps}</div>"
 
@@ -234,8 +235,8 @@ class LessonsTab:
         overlay.on("follow", lambda client, value: self.follow())
         overlay.on("end", lambda client, value: self.end())
         overlay.on("hurry", lambda client, value: page.viewer is not None and page.viewer.tabs.run_bar.hurry())
-        for command, where in COMMANDS.items():
-            overlay.on(command, lambda client, value, where=where: self.go(where))
+        for command, count in MOVES.items():
+            overlay.on(command, lambda client, value, count=count: self.go(count))
         self._redraw()
 
     @property
@@ -338,15 +339,13 @@ class LessonsTab:
     def follow(self) -> None:
         """Go to the next step; after the last one, start the next lesson, if there is one."""
         if self.progress.moved(1) is not None:
-            self.go(NEXT)
+            self.go(1)
         else:
             self.start(self._next_lesson)
 
-    def go(self, where) -> None:
-        """Go BACK or NEXT, or RESTORE the settings of the step; ignore anything else."""
-        if where not in (BACK, RESTORE, NEXT):
-            return
-        progress = self.progress.moved({BACK: -1, RESTORE: 0, NEXT: 1}[where])
+    def go(self, count: int) -> None:
+        """Go on by `count` steps, or set up the present step again for 0, unless the lesson has no such step."""
+        progress = self.progress.moved(count)
         if progress is not None:
             self.progress = progress
             self._set_up()

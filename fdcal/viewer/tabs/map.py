@@ -7,7 +7,6 @@ they have the same local minima.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import viser
@@ -255,9 +254,8 @@ class SweepTab(Tab):
                 )
                 self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
             self.text = binding.gui.add_html(html.remark(ADVICE))
-            self._plot = Plot(
-                binding.gui, "Local minima of the sum", series, f"{row}s summed", height=140, whole=True, legend=False
-            )
+            title, x = "Local minima of the sum", f"{row}s summed"
+            self._plot = Plot(binding.gui, title, series, x, height=140, legend=False)
         self.plots = (self._plot,)
 
     def toggle(self) -> None:
@@ -426,17 +424,17 @@ ABOVE, BELOW = 6.0, 8.0  # dB from the strongest peak to the top of the plot, an
 MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
 
 
-def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
-    """Return the spectrum of a measurement, or None, and the levels of its first `modes` peaks.
+def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spectrum of a measurement, and the levels of its first `modes` peaks.
 
-    The spectrum is (2, F) float64, Hz and dB re its maximum, with the greatest level of each of MAX_POINTS intervals.
-    The peaks are (modes,) float64, dB; without a spectrum they are the mean powers of the modes, re the greatest.
+    The spectrum is (2, F) float64, Hz and dB re its maximum, with the greatest level of each of MAX_POINTS intervals;
+    of a measurement without a spectrum it has the mean power of each mode. The peaks are (modes,) float64, dB.
     """
     f = measurement.frequencies[:modes]
-    if measurement.spectrum is None:
-        power = mode_power(measurement.pressures[:modes])
-        return None, 10 * np.log10(np.maximum(power / power.max(), MIN_POWER))
-    at, power = measurement.spectrum[0], measurement.spectrum[1:].mean(axis=0)  # over all takes
+    order = np.argsort(f, kind="stable")
+    at, power = f[order], mode_power(measurement.pressures[:modes])[order]
+    if measurement.spectrum is not None:
+        at, power = measurement.spectrum[0], measurement.spectrum[1:].mean(axis=0)  # over all takes
     decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), MIN_POWER))
     starts = np.unique(np.linspace(0, len(at) - 1, min(len(at), MAX_POINTS)).astype(int))
     spectrum = np.stack([at[starts], np.maximum.reduceat(decibels, starts)])
@@ -444,10 +442,7 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
 
 
 class SpectrumTab(Tab):
-    """Owns the plot of the spectrum, which shows the modes that are in the map, and the text below.
-
-    Without a spectrum each mode is drawn as a vertical line.
-    """
+    """Owns the plot of the spectrum, which shows the modes that are in the map, and the text below."""
 
     part, where, order = "spectrum", "Map", 4
     interval = 0.25
@@ -455,38 +450,30 @@ class SpectrumTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, gui, measurement, modes = binding, binding.gui, binding.measurement, binding.modes
         f, (spectrum, self._peaks) = measurement.frequencies[:modes], spectrum_levels(measurement, modes)
-        self._has_spectrum, self._rows = spectrum is not None, np.arange(1, modes + 1)
-        if spectrum is None:
-            self._x, self._curve, self._at = np.repeat(f, 3), np.repeat(self._peaks, 3), np.arange(1, 3 * modes, 3)
-            self._curve[0::3] = self._curve[2::3] = HIDDEN
-        else:
-            x = np.concatenate([spectrum[0], f])
-            order = np.argsort(x, kind="stable")
-            self._x, self._curve = x[order], np.concatenate([spectrum[1], self._peaks])[order]
-            self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
+        x, self._rows = np.concatenate([spectrum[0], f]), np.arange(1, modes + 1)
+        order = np.argsort(x, kind="stable")
+        self._x, self._curve = x[order], np.concatenate([spectrum[1], self._peaks])[order]
+        self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
         first, last = self._x[[0, -1]].tolist()
-        edge = 0.02 * (last - first) + (0.0 if self._has_spectrum else 1.0)
+        edge = 0.02 * (last - first) + 1.0  # Hz
         lowest = 10 * float(np.floor((self._peaks.min() - BELOW) / 10))
-        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self._has_spectrum else {}
-        what = "at the microphones" if self._has_spectrum else f"of the {binding.row}s"
         marks = {
+            "mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>",
             "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
             "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
             "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
         }
-        if self._has_spectrum:
-            marks["mean power"] = f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>"
         with gui.add_folder("Spectrum", expand_by_default=False):
             self.plot = gui.add_uplot(
                 data=self.columns((), np.inf),
                 series=(
                     uplot.Series(label="Hz"),
-                    uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
+                    uplot.Series(label="power", stroke=GREY, points={"show": False}, fill=SHADE, fillTo=HIDDEN),
                     uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
                     uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
                     uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
                 ),
-                title=f"Mean power {what}",
+                title="Mean power at the microphones",
                 legend={"show": False},
                 scales={
                     "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
@@ -515,7 +502,7 @@ class SpectrumTab(Tab):
         if not x[0] < limit < x[-1]:
             return tuple(columns)
         at = int(np.searchsorted(x, limit))
-        height = float(np.interp(limit, x, curve)) if self._has_spectrum else HIDDEN
+        height = float(np.interp(limit, x, curve))
         line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
         return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
 
