@@ -17,7 +17,7 @@ from ..model.validation import Reals, frozen_array, length_text
 from . import glyphs, marks
 from .heatmap import relief_sides
 from .marks import MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
-from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme, mixed
+from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme
 
 if TYPE_CHECKING:  # the volume loads SciPy
     from .volume import Volume
@@ -121,12 +121,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
     if scene.room.dimension == 3:  # only the edges of a box, since its walls would hide the inside
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        # its lines cross the array
-        first, colour, width = (
-            lines("room/box", box, theme.grid, 1.0),
-            mixed(theme.foreground, theme.background, 0.32),
-            1.0,
-        )
+        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # its lines cross the array
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)

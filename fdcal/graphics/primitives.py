@@ -33,6 +33,11 @@ class Theme:
     text: float = 1.0  # size of the texts, 1 for the usual one
     marks: float = 1.0  # size of the marks, likewise
 
+    @property
+    def quiet(self) -> Colour:
+        """A colour between foreground and background, for less important lines."""
+        return mixed(self.foreground, self.background, 0.32)
+
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
 DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
