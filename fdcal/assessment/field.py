@@ -67,7 +67,7 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
     centre, radius = frozen_array(x.mean(axis=0), float), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
     orders, found = max_order(field.wavenumbers, float(radius), EXTRA_ORDERS), []
     every = zip(problem.wavenumbers[modes], orders.tolist(), problem.pressures[modes], field.noise, strict=True)
-    for (k, order, p, v), mu in zip(every, _weights(field), strict=True):
+    for (k, order, p, v), mu in zip(every, field.noise / (NOISE_DEFLATION * field.power), strict=True):
         W = dictionary(x, complex(k), order, centre, problem.dimension)
         G = cholesky(W.conj().T @ W + mu * np.eye(W.shape[1]), lower=True)
         alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans=2)  # G^-H
@@ -86,7 +86,7 @@ def leave_one_out_errors(
     seen = np.ones(len(x), bool) if healthy is None else healthy
     some = replace(problem, pressures=problem.pressures[:, seen])
     field = replace(_field(some, x[seen], modes, noise), wavenumbers=problem.wavenumbers[modes], about=x[seen])
-    mu, diagonal = _weights(field), np.arange(int(np.sum(seen)))
+    mu, diagonal = field.noise / (NOISE_DEFLATION * field.power), np.arange(int(np.sum(seen)))
     for m in blocks(len(errors), 2 * len(x) ** 2):
         K = field_covariance(x, field, m, False)[0]
         C = K[:, seen][:, :, seen]
@@ -110,11 +110,6 @@ def _field(problem: Problem, positions, modes: slice, noise: np.ndarray | None) 
     else:
         v = np.maximum(np.asarray(noise)[modes], DIFFUSE_FLOOR * power)
     return isotropic_field(p, k, v, problem.dimension)
-
-
-def _weights(field: FieldModel) -> np.ndarray:
-    """Return mu of every mode (M,)."""
-    return field.noise / (NOISE_DEFLATION * field.power)
 
 
 @dataclass(frozen=True)

@@ -67,11 +67,16 @@ def _with_unit(units: str, low: float = 0.0) -> Callable[[str], float]:
     return read
 
 
-def _names(value: str, count: int | None = None) -> tuple[str, ...]:
+def _names(value: str) -> tuple[str, ...]:
     parts = tuple(part.strip() for part in value.split(","))
-    if not all(parts) or count not in (None, len(parts)):
+    if not all(parts):
         raise ValueError
     return parts
+
+
+def _distance(value: str) -> tuple[str, str, float]:
+    first, second, metres = _names(value)
+    return first, second, float(metres)
 
 
 def _separated(
@@ -90,9 +95,7 @@ def _separated(
 
 numbers = ValueOf(_separated(","), "is not a list of numbers; write them as 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
-distance = ValueOf(
-    lambda value: (*_names(value, 3)[:2], float(_names(value)[2])), "must be two microphones and metres, as 0,5,1.25"
-)
+distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
 room_size = ValueOf(
     _separated("x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
     "is not the size of a room; write lengths above zero, in metres, as 6x5 or 6x5x2.7",

@@ -66,11 +66,6 @@ def folder_of(name: str) -> Path:
     return beside if beside.is_dir() else Path(__file__).parents[2] / name
 
 
-def response_names() -> list[str]:
-    """Return the names of the responses that come with fdcal."""
-    return sorted(path.stem for path in folder_of("rooms").glob(f"*{SUFFIX}"))
-
-
 def response_path(text: str) -> Path:
     """Return the file of a response that is given by its name or its path; StorageError if it is missing."""
     path = Path(text) if text.lower().endswith(SUFFIX) else folder_of("rooms") / f"{text}{SUFFIX}"
@@ -107,8 +102,9 @@ class Room:
 
     def __post_init__(self):
         if self.response is not None:
-            if not self.response.lower().endswith(SUFFIX) and self.response not in response_names():
-                remedy = f"use {', '.join(response_names())} or the path of a {SUFFIX} file"
+            shipped = sorted(path.stem for path in folder_of("rooms").glob(f"*{SUFFIX}"))
+            if not self.response.lower().endswith(SUFFIX) and self.response not in shipped:
+                remedy = f"use {', '.join(shipped)} or the path of a {SUFFIX} file"
                 raise refusal("room.response", self.response, "is unknown", remedy)
             for key in ("size", "outline", "cell", "walls", "admittance"):
                 value = getattr(self, key)

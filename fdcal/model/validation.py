@@ -131,11 +131,13 @@ class StorageError(OSError):
     """
 
 
-def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
-    """Return the error for an argument that a function does not have; it suggests a similar one."""
-    near = difflib.get_close_matches(name, list(known), 1)
-    meant = f"; did you mean {near[0]!r}?" if near else ""
-    return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
+def require_arguments(function: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise TypeError, with a similar name, for the first argument that a function does not have."""
+    known = set(known)
+    for name in sorted(set(given) - known):
+        near = difflib.get_close_matches(name, known, 1)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        raise TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
 def shown(value: object, max_length: int = 60, quoted: bool = False) -> str:

@@ -224,13 +224,11 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     parts = [part.strip() for part in (options.leave_out or "").split(",")]
     listed = [name for name in parts if name not in ("", "bad")]
     left_out = dict.fromkeys(listed, "as requested")
-    chosen = []
-    for one in recordings:
-        if options.subset is not None:
-            one = select.select_subset(one, options.subset)
-        if listed:  # before any sample is read, since samples of these channels may not be numbers
-            one = select.exclude_channels(one, listed)
-        chosen.append(one)
+    chosen = list(recordings)
+    if options.subset is not None:
+        chosen = [select.select_subset(one, options.subset) for one in chosen]
+    if listed:  # before any sample is read, since samples of these channels may not be numbers
+        chosen = [select.exclude_channels(one, listed) for one in chosen]
     health = [select.inspect_channels(one) for one in chosen]
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):

@@ -12,7 +12,7 @@ from ..assessment.calibration import Calibration
 from ..model.measurement import Measurement, MicrophonePositions, microphone_index, with_known, with_positions
 from ..model.scene import MeasuredScene, Scene, load_scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, convert, require_array, shown, unexpected_argument, within
+from ..model.validation import InputError, convert, require_arguments, require_array, shown, within
 from ..recordings.formats.positions import read_positions
 from ..recordings.recording import ImportOptions
 from .calibration_run import solve
@@ -85,9 +85,7 @@ def load(
         if other is not None:
             problem = f"{other} holds no recordings, and {', '.join(options)} is an option of recordings"
             raise InputError(problem, "leave the option out")
-        names = [field.name for field in fields(ImportOptions)]
-        for name in sorted(set(options) - set(names)):
-            raise unexpected_argument("load", name, names)
+        require_arguments("load", options, (field.name for field in fields(ImportOptions)))
         imported = ImportOptions(**options)
     with one_blas_thread():
         measurement = load_input(texts, progress, excluded, imported).measurement
@@ -210,9 +208,8 @@ def calibrate(
     require_inputs(measurement, settings, "calibrate")
     convert(estimate_sound_speed, bool, "estimate_sound_speed")
     require_callable("progress", progress)
-    fields_known = {field.name for field in fields(SolverSettings)}
-    for name in sorted(set(others) - fields_known):
-        raise unexpected_argument("calibrate", name, fields_known | set(inspect.signature(calibrate).parameters))
+    own = {*inspect.signature(calibrate).parameters} - {"others"}
+    require_arguments("calibrate", others, own | {field.name for field in fields(SolverSettings)})
     gauge = known if isinstance(known, str) else None
     if known is not None and gauge is None:
         measurement = with_known(measurement, known if isinstance(known, Mapping) else microphone_names("known", known))

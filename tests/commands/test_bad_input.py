@@ -9,9 +9,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from running import refuses
 
-import fdcal
 from fdcal.commands.cli import commands
 from fdcal.commands.options import OPTIONS
 
@@ -127,11 +125,6 @@ def test_a_file_of_another_kind_is_said_to_be_one(tmp_path, refused, name, conte
 )
 def test_files_and_folders_that_are_not_there_exit_3(refused, arguments, words):
     assert re.search(words, refused(*arguments, code=3))
-
-
-def test_python_is_told_what_to_load():
-    refuses("load it first", fdcal.calibrate, "tiny")
-    refuses("not int", fdcal.load, 3)
 
 
 def test_every_option_of_one_number_refuses_nan_and_infinity():
