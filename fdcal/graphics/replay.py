@@ -128,25 +128,14 @@ SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "play.js", "lesson.js", "
 
 
 def replay_html(
-    scene: Scene | None,
-    measurement: Measurement,
-    states: Sequence,
-    title: str,
-    reference_cost: ReferenceCost | None = None,
-    sought=None,
-    *,
-    problem: Problem | None = None,
-    microphone: int | None = None,
-    max_bytes: int = MAX_BYTES,
-    opens_at: str = "",
+    scene: Scene | None, measurement: Measurement, states: Sequence, title: str, *costs, opens_at: str = "", **options
 ) -> str:
-    """Return the HTML of a run of any solver; parameters as of `run_data`.
+    """Return the HTML of a run of any solver.
 
-    `opens_at`: the part after # that is assumed if the address has none.
+    `costs`, `options`: reference cost and numbers of the microphones sought, and the further parameters, as of
+    `run_data`; `opens_at`: the part after # that is assumed if the address has none.
     """
-    how = {"problem": problem, "microphone": microphone, "max_bytes": max_bytes}
-    data = run_data(scene, measurement, states, reference_cost, sought, **how)
-    return page_html(title, [data], opens_at)
+    return page_html(title, [run_data(scene, measurement, states, *costs, **options)], opens_at)
 
 
 def page_html(title: str, runs: Sequence[dict], opens_at: str = "", lesson: dict | None = None) -> str:

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO
 import viser
 from viser import _messages
 
+from ..graphics.replay import filled
 from ..model.validation import InputError, require_choice
 from ..recordings.recording import ImportOptions, number_in
 from ..session import session_file
@@ -34,11 +35,8 @@ MAX_BYTES = 500_000_000  # of all files that a page accepts
 MAX_FILES, MAX_NAME = 1000, 100  # of one request, and characters of a name
 NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
 RECORDING, LIST = "recording", "positions"  # purpose of a file, as the fields of the form are called
-KIND_NAMES = {
-    "auto": "found automatically",
-    "impulse": "impulse or sweep response",
-    "stationary": "noise, or another continuous sound",
-}
+KINDS = "auto", "impulse", "stationary"
+FORM = Path(__file__).with_name("own_files.html")
 
 
 @dataclass
@@ -121,28 +119,19 @@ class OwnFiles:
             return
         self.forget(client.client_id)
         kind, _, celsius = value.partition(" ")
-        require_choice("kind", kind, KIND_NAMES)
+        require_choice("kind", kind, KINDS)
         self._complaint = ""
         self.worker.request(delivered.files, kind, number_in(celsius))
 
     def html(self) -> str:
         """Return the form, with the report on the file that was opened last, or why it could not be opened."""
-        latest, megabytes = self.worker.latest, MAX_BYTES // 1_000_000
-        kinds = "".join(f"<option value='{kind}'>{name}</option>" for kind, name in KIND_NAMES.items())
+        latest = self.worker.latest
         report = f"<pre>{escape(latest.result or '')}</pre>" if latest is not None else ""
         report += html.complaint(self._complaint or (html.error_message(latest.error) if latest is not None else ""))
         report = "<p>Reading ...</p>" if self.worker.busy else report
-        return (
-            f"<form data-limit='{MAX_BYTES}'><b>Your own recording</b>"
-            f"<label>Recordings, measurement or session <input type='file' name='{RECORDING}' multiple></label>"
-            f"<label>Kind of a recording <select name='kind'>{kinds}</select></label>"
-            f"<label>List of positions, to compare with <input type='file' name='{LIST}'></label>"
-            "<label>Temperature (°C) <input type='number' name='celsius' value='20' min='-60' max='80' step='0.5'>"
-            "</label><button type='button' data-local='upload'>Open</button>"
-            f"<small>Up to {megabytes} MB, kept in a private folder until fdcal ends.</small>"
-            + re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # names as the user knows them
-            + "</form>"
-        )
+        report = re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # names as the user knows them
+        parts = {"LIMIT": str(MAX_BYTES), "MEGABYTES": str(MAX_BYTES // 1_000_000), "REPORT": report}
+        return filled(FORM.read_text(encoding="utf-8"), parts)
 
     def _open(self, files: list[tuple[str, Path]], kind: Any, temperature: float) -> str:
         """On the thread: show files as a session, and return the report of their import."""

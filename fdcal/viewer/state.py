@@ -100,12 +100,7 @@ class Choices(MapStyle):
         return {key: getattr(self, key) for key in ("kind", "microphone", "modes", "order_offset", *SWITCHES)}
 
 
-# Those that are saved and are true or false.
-SWITCHES = tuple(
-    one.name
-    for one in fields(Choices)
-    if one.type == "bool" and one.name not in ("in_space", "lecture", "themed", "verdict")
-)
+SWITCHES = "log minima follow objective dark trails ellipses descending".split()  # saved, and true or false
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:

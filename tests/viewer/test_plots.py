@@ -88,7 +88,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     data = tab.plot.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
     x, curve, outside, inside, limit = data
-    low, high = tab.plot.scales["y"]["range"]
+    low, high = tab.plot.handle.scales["y"]["range"]
     assert (np.diff(x) >= 0).all()
     np.testing.assert_allclose(x[inside > low], [measurement.frequencies[1]])
     np.testing.assert_allclose(x[outside > low], measurement.frequencies[[0, 2, 3, 4, 5]])

@@ -237,7 +237,6 @@ class LessonsTab:
         overlay.on("hurry", lambda client, value: page.viewer is not None and page.viewer.tabs.run_bar.hurry())
         for command, count in MOVES.items():
             overlay.on(command, lambda client, value, count=count: self.go(count))
-        self._redraw()
 
     @property
     def _awaited(self) -> str:
@@ -334,7 +333,6 @@ class LessonsTab:
             self._left_at[progress.lesson.title] = 0 if finished else progress.number
         self.progress, self._before, self._pending, self._ended = LessonProgress(), None, None, None
         self._error, self._requests = "", []
-        self._redraw()
 
     def follow(self) -> None:
         """Go to the next step; after the last one, start the next lesson, if there is one."""
@@ -361,7 +359,6 @@ class LessonsTab:
     def _set_up(self, fresh: bool = False, then: Callable[[], object] = lambda: None) -> None:
         """Set the page for the present step, beginning with the scene; a `fresh` lesson may begin at any step."""
         progress, self._pending, self._ended, self._error, self._then = self.progress, None, None, "", then
-        self._redraw()
         lesson, step = progress.lesson, progress.step
         if lesson is None or step is None:
             return
@@ -419,11 +416,9 @@ class LessonsTab:
             else:
                 with self._guarded():
                     act(shown)
-            self._redraw()
 
         self._pending = request
         self._page.open(request, then)
-        self._redraw()
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
         """Wait for the end of the run of a setting, if it has one, before question, explanation and marks are shown."""
@@ -444,20 +439,16 @@ class LessonsTab:
         step, choice = self.progress.step, self.progress.choice
         marks = () if step is None or self._awaited else (step.page if choice < 0 else step.then).marks
         viewer.binding.choose(marks=marks)
-        self._redraw()
 
     def show(self) -> None:
-        """Follow the run whose end the step waits for, and its panel; called by the main loop."""
+        """Follow the run whose end the step waits for, and bring the caption up to date; called by the main loop."""
         viewer = self._page.viewer
-        if viewer is None or self.progress.lesson is None or self._pending is not None:
-            return
-        if self._ended is not None and self._ended(viewer.binding.session.view):
-            self._ended = None
-            viewer.binding.call(lambda: self._rest(viewer))
-        panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
-        if panel != self._panel:
-            self._panel = panel
-            viewer.binding.call(self._redraw)
+        if viewer is not None and self.progress.lesson is not None and self._pending is None:
+            if self._ended is not None and self._ended(viewer.binding.session.view):
+                self._ended = None
+                viewer.binding.call(lambda: self._rest(viewer))
+            self._panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
+        self._page.panels.overlay.show("caption", self.caption)
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -468,7 +459,3 @@ class LessonsTab:
             if not isinstance(error, (InputError, StorageError)):
                 log.exception("a lesson's step could not be set")
             self._error = error_message(error)
-            self._redraw()
-
-    def _redraw(self) -> None:
-        self._page.panels.overlay.show("caption", self.caption)

@@ -454,40 +454,26 @@ class SpectrumTab(Tab):
         order = np.argsort(x, kind="stable")
         self._x, self._curve = x[order], np.concatenate([spectrum[1], self._peaks])[order]
         self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
-        first, last = self._x[[0, -1]].tolist()
-        edge = 0.02 * (last - first) + 1.0  # Hz
-        lowest = 10 * float(np.floor((self._peaks.min() - BELOW) / 10))
+        self._range = 10 * float(np.floor((self._peaks.min() - BELOW) / 10)), ABOVE
         marks = {
             "mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>",
             "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
             "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
             "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
         }
+        series = (
+            uplot.Series(label="Hz"),
+            uplot.Series(label="power", stroke=GREY, points={"show": False}, fill=SHADE, fillTo=HIDDEN),
+            uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+            uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+            uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+        )
         with gui.add_folder("Spectrum", expand_by_default=False):
-            self.plot = gui.add_uplot(
-                data=self.columns((), np.inf),
-                series=(
-                    uplot.Series(label="Hz"),
-                    uplot.Series(label="power", stroke=GREY, points={"show": False}, fill=SHADE, fillTo=HIDDEN),
-                    uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
-                    uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
-                    uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
-                ),
-                title="Mean power at the microphones",
-                legend={"show": False},
-                scales={
-                    "x": uplot.Scale(time=False, range=(first - edge, last + edge)),
-                    "y": uplot.Scale(range=(lowest, ABOVE)),
-                },
-                axes=(
-                    uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
-                    uplot.Axis(label="dB re the maximum", labelSize=18, size=40),
-                ),
-                height=240,
-                padding=(12, 14, 0, 0),
-            )
+            title = "Mean power at the microphones (dB re the maximum)"
+            self.plot = Plot(gui, title, series, "frequency (Hz)", height=240, legend=False)
             gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
             self.text = gui.add_html("")
+        self.plots = (self.plot,)
 
     def columns(self, used: tuple[int, ...], limit: float) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.
@@ -517,7 +503,7 @@ class SpectrumTab(Tab):
         """Show the modes of the map, and say below which is the highest, with a warning if it is beyond f_max."""
         measurement, problem = self._binding.measurement, self._binding.run.problem
         used, limit = self.inputs(state)
-        self.plot.data = self.columns(used, limit)
+        self.plot.show(self.columns(used, limit), self._range)
         name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
         what = "highest" if measurement.take_count > 1 else "highest in the map"
         highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
