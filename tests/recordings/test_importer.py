@@ -15,6 +15,7 @@ from running import exit_code, refuses
 from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.dictionary import f_max
+from fdcal.commands import report
 from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement import load_measurement
 from fdcal.model.validation import InputError
@@ -24,6 +25,7 @@ from fdcal.recordings.cross_spectra import DecimationSettings, decimate, station
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
 from fdcal.recordings.recording import ImportOptions, Recording, read_samples, recording_of
+from fdcal.session import doctor  # noqa: F401  imported here, or it would keep what a test puts in the place of `solve`
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input
 
@@ -431,8 +433,6 @@ def test_heights_that_differ_are_no_plane(channels, tmp_path):
 
 
 def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys):
-    from fdcal.commands import report
-
     class Compared:
         agrees = False
 

@@ -84,32 +84,34 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
         require_regular(path)
         found = reader_of(path)
         if found is None or found.read is None:
-            problem = f"fdcal cannot read the format of {path}"
-            raise InputError(problem, f"give {', '.join(suffixes('read'))} or a folder")
+            known = f"give {', '.join(suffixes('read'))} or a folder"
+            raise InputError("fdcal cannot read the format of this file", known)
         if source and found.source_count is None:
-            raise InputError(f"source = {source} does not exist", f"{path} holds one source only, 0", key="source")
+            raise InputError(f"source = {source} does not exist", "the file holds one source only, 0", key="source")
         if path.is_file():
             with open(path, "rb"):  # reports a missing permission, for which libraries raise various exceptions
                 pass
         recording = found.read(path, source, rate)
         if rate is not None and recording.sample_rate != rate:
-            problem = f"{path} has a sampling rate of {recording.sample_rate:g} Hz itself"
-            raise InputError(problem, "leave out <rate>", key="rate")
+            own = f"it has a sampling rate of {recording.sample_rate:g} Hz itself"
+            raise InputError(own, "leave out <rate>", key="rate")
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
-            problem = f"the header of {path} states {recording.count} channels of {recording.samples} samples"
+            problem = f"its header states {recording.count} channels of {recording.samples} samples"
             raise InputError(f"{problem}, and it has {path.stat().st_size} bytes", "it is damaged: copy it again")
         return recording
+    except InputError as error:
+        raise error.within(path) from error
     except StorageError:
         raise
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def wanted_source(path: Path, source: int | None, count: int) -> int:
+def wanted_source(source: int | None, count: int) -> int:
     """Return the number of the source that is wanted, 0 for None; InputError if the file does not have it."""
     source = source or 0
     if not 0 <= source < count:
-        raise InputError(f"source = {source} does not exist", f"{path} has sources 0 to {count - 1}", key="source")
+        raise InputError(f"source = {source} does not exist", f"the file has 0 to {count - 1}", key="source")
     return source
 
 

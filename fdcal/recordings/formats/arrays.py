@@ -60,8 +60,8 @@ def _word(name: str) -> str:
     return re.sub("[^a-z]", "", re.split(r"[/.]", name)[-1].lower())
 
 
-def _rate(path: Path, arrays: Arrays, given: float | None) -> float | None:
-    """Return the sampling rate, Hz, that the arrays or their attributes hold, or the one given."""
+def _rate(arrays: Arrays) -> float | None:
+    """Return the sampling rate, Hz, that the arrays or their attributes hold; None if they hold none."""
     rates = dict[str, float]()
     for name, value in arrays.items():
         word, unit = re.fullmatch("(.*?)(khz|hz)?", _word(name)).groups()  # type: ignore
@@ -71,12 +71,12 @@ def _rate(path: Path, arrays: Arrays, given: float | None) -> float | None:
         text = single.decode(errors="replace") if isinstance(single, bytes) else str(single)
         number = re.fullmatch(r"\s*([\d.]+(?:e\+?\d+)?)\s*(k?hz)?\s*", text, re.IGNORECASE)
         if number is None:
-            raise InputError(f'{path}: "{shown(name)}" is {shown(text, 80)}', "give one number in Hz", key="rate")
+            raise InputError(f'"{shown(name)}" is {shown(text, 80)}', "give one number in Hz", key="rate")
         rates[name] = float(number[1]) * (1000 if "khz" in (unit, (number[2] or "").lower()) else 1)
     if len(set(rates.values())) > 1:
-        problem = f"{path} has several sampling rates: {', '.join(f'{shown(n)} = {hz:g}' for n, hz in rates.items())}"
-        raise InputError(problem, "keep one", key="rate")
-    return next(iter(rates.values()), given)
+        listed = ", ".join(f"{shown(name)} = {hz:g}" for name, hz in rates.items())
+        raise InputError(f"it has several sampling rates: {listed}", "keep one", key="rate")
+    return next(iter(rates.values()), None)
 
 
 def _rate_of_times(times: np.ndarray) -> float | None:
@@ -124,7 +124,7 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
         axes = [sorted(axes)[n] for n in ORDERS[_word(name)]]
     time, channel, dimensions = axes[-1], axes[0] if len(axes) == 2 else None, array.ndim
     count, samples = 1 if channel is None else array.shape[channel], array.shape[time]
-    hertz = _rate(path, arrays, None)
+    hertz = _rate(arrays)
     for key, times in arrays.items() if hertz is None else ():
         if _word(key) in TIMES and times.dtype.kind in "fiu" and times.size == samples:
             hertz = _rate_of_times(np.ravel(times[()]))
@@ -216,7 +216,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
 def _read_meshrir(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
-    source = wanted_source(path, source, len(sources))
+    source = wanted_source(source, len(sources))
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
         problem = f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)"

@@ -32,41 +32,44 @@ MAX_DELAY = 10_000_000  # samples
 
 @contextlib.contextmanager
 def open_sofa(path: Path):
-    """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
+    """Yield the open file with its `variables`; any error becomes an InputError that names the file."""
     sofar = needs("sofar")
     require_whole_file(path)
     with damaged(f"{path} is not a readable SOFA file"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about deprecated conventions, which are read nevertheless
         with sofar.SofaStream(str(path)) as stream:
-            yield stream._file
+            try:
+                yield stream._file
+            except InputError as error:
+                raise error.within(path) from error
 
 
-def values_of(file, path: Path, name: str) -> np.ndarray:
+def values_of(file, name: str) -> np.ndarray:
     """Return a variable as real numbers; raise InputError where it is missing, empty or not finite."""
     if name not in file.variables:
-        raise InputError(f'{path} has no "{name}"', "write it with the library of the format", key=name)
+        raise InputError(f'it has no "{name}"', "write it with the library of the format", key=name)
     values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)
     if not values.size or not np.all(np.isfinite(values)):
-        raise InputError(f'{path}: "{name}" is empty or not finite', "fill it in", key=name)
+        raise InputError(f'"{name}" is empty or not finite', "fill it in", key=name)
     return values
 
 
-def cartesian(file, path: Path, name: str, count: int | None = None) -> np.ndarray:
+def cartesian(file, name: str, count: int | None = None) -> np.ndarray:
     """Return a position or direction as x, y, z along axis 1, for each of `count` : (count, 3, ...) float64, metres."""
-    values = values_of(file, path, name)
-    values = values if count is None else each_of(values, path, name, count)
+    values = values_of(file, name)
+    values = values if count is None else each_of(values, name, count)
     if values.ndim < 2 or values.shape[1] != 3:
-        raise InputError(f'{path}: "{name}" has shape {values.shape}', "give each position three coordinates", key=name)
+        raise InputError(f'"{name}" has shape {values.shape}', "give each position three coordinates", key=name)
     variable = file.variables[name]
     kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
     prefix = {"milli": 1e-3, "mm": 1e-3, "centi": 1e-2, "cm": 1e-2}
     values = values * next((scale for unit, scale in prefix.items() if units.startswith(unit)), 1.0)
     if kind in ("", "cartesian"):
         if "deg" in units:
-            raise InputError(f'{path}: "{name}" is cartesian but in degrees', 'make its Type "spherical"', key=name)
+            raise InputError(f'"{name}" is cartesian but in degrees', 'make its Type "spherical"', key=name)
         return values
     if kind != "spherical":
-        raise InputError(f'{path}: "{name}" is of Type "{kind}"', "use cartesian or spherical", key=name)
+        raise InputError(f'"{name}" is of Type "{kind}"', "use cartesian or spherical", key=name)
     azimuth, elevation, radius = np.moveaxis(values, 1, 0)
     if "rad" not in units:
         azimuth, elevation = np.radians(azimuth), np.radians(elevation)
@@ -79,22 +82,22 @@ def from_spherical(azimuth: np.ndarray, elevation: np.ndarray, radius: np.ndarra
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 
 
-def receiver_positions(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
+def receiver_positions(file, measurements: int, receivers: int) -> np.ndarray:
     """Return where each receiver stood in each measurement : (M, R, 3) float64, metres."""
-    listener = cartesian(file, path, "ListenerPosition", measurements)
-    local = cartesian(file, path, "ReceiverPosition")
+    listener = cartesian(file, "ListenerPosition", measurements)
+    local = cartesian(file, "ReceiverPosition")
     if local.ndim == 2:
         local = local[:, :, None]
-    local = each_of(local, path, "ReceiverPosition", receivers)
-    local = each_of(np.moveaxis(local, 2, 0), path, "ReceiverPosition", measurements)  # (M, R, 3)
+    local = each_of(local, "ReceiverPosition", receivers)
+    local = each_of(np.moveaxis(local, 2, 0), "ReceiverPosition", measurements)  # (M, R, 3)
     if "ListenerView" in file.variables and "ListenerUp" in file.variables:
-        view = cartesian(file, path, "ListenerView", measurements)
-        up = cartesian(file, path, "ListenerUp", measurements)
+        view = cartesian(file, "ListenerView", measurements)
+        up = cartesian(file, "ListenerUp", measurements)
         side = np.cross(up, view)
         axes = np.stack([view, side, np.cross(view, side)], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
         if np.any(length < 1e-9):
-            raise InputError(f"{path}: ListenerView and ListenerUp are not two directions", "correct them")
+            raise InputError("ListenerView and ListenerUp are not two directions", "correct them")
         local = np.einsum("mri,mij->mrj", local, axes / length)
     return listener[:, None] + local
 
@@ -102,21 +105,21 @@ def receiver_positions(file, path: Path, measurements: int, receivers: int) -> n
 def placed_receivers(path: Path) -> np.ndarray:
     """Return the positions (N, 3), metres, of the channels of the first source; the responses are not read."""
     with open_sofa(path) as file:
-        _, shape, _ = responses(file, path)
-        first = sources_of(file, path, shape["M"]) == 0
-        return receiver_positions(file, path, shape["M"], shape["R"])[first].reshape(-1, 3)
+        _, shape, _ = responses(file)
+        first = sources_of(file, shape["M"]) == 0
+        return receiver_positions(file, shape["M"], shape["R"])[first].reshape(-1, 3)
 
 
-def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray:
+def each_of(values: np.ndarray, name: str, count: int) -> np.ndarray:
     """Return one row of values for each of `count`; a single row is repeated."""
     if len(values) not in (1, count):
-        raise InputError(f'{path}: "{name}" has {len(values)} rows', f"give 1 or {count}", key=name)
+        raise InputError(f'"{name}" has {len(values)} rows', f"give 1 or {count}", key=name)
     return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
 
 
-def sources_of(file, path: Path, measurements: int) -> np.ndarray:
+def sources_of(file, measurements: int) -> np.ndarray:
     """Return the number of the source position of each measurement : (M,) int64, numbered in the order of the file."""
-    places = cartesian(file, path, "SourcePosition", measurements)
+    places = cartesian(file, "SourcePosition", measurements)
     firsts, member = list[np.ndarray](), list[int]()
     for place in places:
         near = [g for g, first in enumerate(firsts) if np.linalg.norm(place - first) < SAME_POSITION]
@@ -125,13 +128,13 @@ def sources_of(file, path: Path, measurements: int) -> np.ndarray:
     return np.array(member)
 
 
-def responses(file, path: Path) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
+def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
     """Return the names of the variables, Data.IR, or Data.Real and Data.Imag, their shape by AXES, and their axes."""
     names = ["Data.Real", "Data.Imag"] if "Data.Real" in file.variables else ["Data.IR"]
     found = [file.variables.get(name) for name in names]
     if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
         kind = getattr(file, "DataType", "unknown")
-        problem = f'{path} (DataType {kind}) has no impulse responses in "Data.IR", nor transfer functions'
+        problem = f'no impulse responses in "Data.IR" and no transfer functions in a file of DataType {kind}'
         raise InputError(problem, "give one of type FIR or TF")
     named = tuple(found[0].dimensions)
     if sorted(named) != sorted(AXES[: found[0].ndim]):  # other names: the order of the format is assumed
@@ -139,15 +142,15 @@ def responses(file, path: Path) -> tuple[list[str], dict[str, int], tuple[str, .
     return names, {"E": 1} | dict(zip(named, found[0].shape, strict=True)), named
 
 
-def frequencies_of(file, path: Path, count: int) -> tuple[float, int]:
+def frequencies_of(file, count: int) -> tuple[float, int]:
     """Return the spacing, Hz, of the frequencies of transfer functions, and the first of them in units of it."""
-    f = values_of(file, path, "N").ravel() * _kilo(file, "N")
+    f = values_of(file, "N").ravel() * _kilo(file, "N")
     step = (f[-1] - f[0]) / max(len(f) - 1, 1)
     if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:
-        raise InputError(f'{path}: "N" must hold {count} ascending frequencies', "write them in Hz", key="N")
+        raise InputError(f'"N" must hold {count} ascending frequencies', "write them in Hz", key="N")
     below = round(f[0] / step)
     if np.abs(f - step * (below + np.arange(count))).max() > EVEN * step:
-        problem = f'{path}: the frequencies "N" are not multiples of their spacing'
+        problem = 'the frequencies "N" are not multiples of their spacing'
         raise InputError(problem, "write evenly spaced frequencies, or impulse responses", key="N")
     return float(step), below
 
@@ -156,19 +159,19 @@ def _kilo(file, name: str) -> float:
     return 1000.0 if str(getattr(file.variables[name], "Units", "")).lower().startswith("k") else 1.0
 
 
-def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
+def delays_of(file, shape: dict[str, int], emitter: int) -> np.ndarray:
     """Return the delay of each response after the earliest one, in whole samples : (M, R) int64."""
     count = shape["M"], shape["R"]
     if "Data.Delay" not in file.variables:
         return np.zeros(count, np.int64)
-    delay = values_of(file, path, "Data.Delay")
+    delay = values_of(file, "Data.Delay")
     if delay.ndim == 3:
         delay = delay[:, :, min(emitter, delay.shape[2] - 1)]
     if delay.ndim != 2 or delay.shape[0] not in (1, count[0]) or delay.shape[1] not in (1, count[1]):
-        raise InputError(f'{path}: "Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
+        raise InputError(f'"Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
     delay = np.broadcast_to(delay - delay.min(), count)
     if np.abs(delay - np.round(delay)).max() > WHOLE_DELAY or delay.max() > MAX_DELAY:
-        problem = f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number'
+        problem = f'"Data.Delay" differs by {delay.max():g} samples, which is not a whole number'
         raise InputError(problem, "write the responses with their delays included", key="Data.Delay")
     return np.round(delay).astype(np.int64)
 
@@ -176,10 +179,10 @@ def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarr
 def _read(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording of a SOFA file, read in pieces."""
     with open_sofa(path) as file:
-        names, shape, axes = responses(file, path)
+        names, shape, axes = responses(file)
         step, below, odd = 0.0, 0, False
         if len(names) > 1:
-            step, below = frequencies_of(file, path, shape["N"])
+            step, below = frequencies_of(file, shape["N"])
             bins = below + shape["N"]
             last = [file.variables[name][tuple(-1 if axis == "N" else slice(None) for axis in axes)] for name in names]
             # The last frequency is Nyquist's only if its value is real.
@@ -187,18 +190,18 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
             shape |= {"N": 2 * bins - 2 + odd}
             rates = [round(step * shape["N"], 6)]
         else:
-            rates = np.unique(values_of(file, path, "Data.SamplingRate")) * _kilo(file, "Data.SamplingRate")
+            rates = np.unique(values_of(file, "Data.SamplingRate")) * _kilo(file, "Data.SamplingRate")
         if len(rates) > 1:
-            problem = f'{path}: "Data.SamplingRate" has different values, {rates[0]:g} and {rates[-1]:g}'
+            problem = f'"Data.SamplingRate" has different values, {rates[0]:g} and {rates[-1]:g}'
             raise InputError(problem, "use one for all", key="Data.SamplingRate")
-        positions = receiver_positions(file, path, shape["M"], shape["R"])
-        member = sources_of(file, path, shape["M"])
-        wanted = wanted_source(path, source, (int(member.max()) + 1) * shape["E"])
+        positions = receiver_positions(file, shape["M"], shape["R"])
+        member = sources_of(file, shape["M"])
+        wanted = wanted_source(source, (int(member.max()) + 1) * shape["E"])
         group, emitter = np.flatnonzero(member == wanted // shape["E"]), wanted % shape["E"]
-        delays = delays_of(file, path, shape, emitter)
+        delays = delays_of(file, shape, emitter)
         speed = None
         if "RoomTemperature" in file.variables:
-            kelvin = float(np.mean(values_of(file, path, "RoomTemperature")))
+            kelvin = float(np.mean(values_of(file, "RoomTemperature")))
             if "cels" in str(getattr(file.variables["RoomTemperature"], "Units", "")).lower():
                 kelvin += ZERO_CELSIUS
             if 100 < kelvin < 1000:  # 0 K is the default of the format
@@ -232,8 +235,8 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
 def _source_count(path: Path) -> int:
     """Return the number of sources: source positions times emitters."""
     with open_sofa(path) as file:
-        _, shape, _ = responses(file, path)
-        return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
+        _, shape, _ = responses(file)
+        return len(np.unique(sources_of(file, shape["M"]))) * shape["E"]
 
 
 def _write(path: Path, placed: MicrophonePositions) -> None:
