@@ -27,6 +27,7 @@ from .validation import (
     Seconds,
     convert,
     frozen_array,
+    naming,
     refusal,
     require_array,
     require_choice,
@@ -814,7 +815,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
         given = [key for key in keys if key in table]
         if 0 < len(given) < len(keys):
             raise InputError(f"{path} has {', '.join(given)} alone", f"{what} {', '.join(keys)}", key=given[0])
-    try:
+    with naming(path):
         search = windows = None
         if SEARCH[0] in table:
             for key in SEARCH[:2]:
@@ -829,5 +830,3 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
         table = {key: table[key] for key in OPTIONAL + REQUIRED if key in table} | {"windows": windows}
         table = exclude_microphones(table, excluded)
         return with_different_takes(Measurement(**table, search=search))
-    except InputError as error:
-        raise error.within(path) from None

@@ -12,6 +12,7 @@ A declaration is a type. `Annotated[float, within(0, 1, "m")]` adds the range an
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import difflib
 import functools
@@ -20,7 +21,7 @@ import re
 import reprlib
 import types
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
@@ -106,6 +107,15 @@ class InputError(ValueError):
         if self.problem.startswith(str(where)):
             return self
         return InputError(f"{where}: {self.problem}", self.remedy, key=self.key)
+
+
+@contextlib.contextmanager
+def naming(where: object) -> Iterator[None]:
+    """Let the message of an InputError in the block begin with the file or table `where`."""
+    try:
+        yield
+    except InputError as error:
+        raise error.within(where) from error
 
 
 def word_arguments(text: str, names: Mapping[str, str]) -> str:

@@ -22,7 +22,7 @@ from ..model.problem import Problem
 from ..model.scene import Scene, folder_of, load_scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_toml, read_bytes
-from ..model.validation import InputError, Seed, StorageError, build, parse_modes, shown, within
+from ..model.validation import InputError, Seed, StorageError, build, naming, parse_modes, shown, within
 from ..solvers.interface import RunState
 from .scene_edits import edited
 
@@ -219,15 +219,13 @@ def load_lesson(path: str | Path) -> Lesson:
             raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson")
         path = folder_of("lessons") / f"{path}.toml"
     table = parse_toml(read_bytes(path, FILE_BYTES, "lesson"), path)
-    try:
+    with naming(path):
         for key in Lesson.OPTIONAL:
             if key in table:
                 raise InputError(f"{key} is not a key of a lesson", "remove it, the file has one", key=key)
         lesson = build(Lesson, {**table, "name": path.stem, "folder": str(path.parent)}, whole="lesson")
         check(lesson)
-    except InputError as error:
-        raise error.within(path) from error
-    return lesson
+        return lesson
 
 
 Fault = tuple[object, str, str, str]  # whether the fault exists; its key, what is wrong with it, and the remedy
@@ -279,19 +277,15 @@ def _check_setting(prefix: str, setting: LessonSetting, scene: Scene) -> None:
     both = setting.frame is not None and setting.run is not None
     remedy = "run the solver in one step and show the frame in another"
     _refuse(prefix, [(both, "frame", "and run are both given", remedy)])
-    try:
+    with naming(f"{prefix}frame"):
         if setting.frame is not None and not parse_address(setting.frame):
             raise InputError(f'"{shown(setting.frame)}" has no known key', 'write it as "step=12&microphone=9"')
         setting = setting.unfolded()
-    except InputError as error:
-        raise error.within(f"{prefix}frame") from error
     for name, text in (("modes", setting.modes), ("map_modes", setting.map_modes)):
         if text is None or (name == "map_modes" and text == SOLVER):
             continue
-        try:
+        with naming(f'{prefix}{name} = "{shown(text)}"'):
             modes = parse_modes(text, MAX_MODE)
-        except InputError as error:
-            raise error.within(f'{prefix}{name} = "{shown(text)}"') from error
         gaps = name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1))
         _refuse(prefix, [(gaps, "modes", f'= "{text}" has gaps', "give one range, such as 1-20")])
     positions, run = positions_of(scene), setting.run

@@ -25,7 +25,7 @@ from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
 from ..model.settings import SolverSettings
 from ..model.storage import damaged, parse_json, read_archive, require_regular
-from ..model.validation import LIMITS, InputError, build, convert, frozen_array, shown
+from ..model.validation import LIMITS, InputError, build, convert, frozen_array, naming, shown
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES
@@ -76,10 +76,8 @@ def read(path: str | Path) -> OpenRequest:
                 problem = f"{path} would take {size / 1e6:.0f} MB of memory"
                 raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session")
             text, arrays = archive.read(TABLE), archive.read(ARRAYS)
-    try:
+    with naming(path):
         return _opening(text, arrays)
-    except InputError as error:
-        raise error.within(path) from None
 
 
 def _opening(text: bytes, packed: bytes) -> OpenRequest:

@@ -27,7 +27,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["simulate", "lshpae", "-o", "x.npz"], ["did you mean lshape?"]),
         (["simulate", "tiny"], ["-o"]),
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
-        (["import", "nothing.wav", "-o", "n.npz", "--kind", "music"], ["'auto', 'impulse', 'stationary'"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
         (["calibrate", "tiny", "--solver", "joint+descent"], ["'--solver'", "'descent', 'joint', 'robust', 'room'"]),

@@ -85,28 +85,25 @@ CORNER = "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"
         ({"gauge.known": "[0, 5, 5]"}, ["gauge.known", "twice"]),
         ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
         ({"search.origin": "[0.7, 0.3]"}, ["microphone 3", "search domain", "search.origin or search.size"]),
+        # several places of the source
+        *(
+            ({"source.position": None, "source.positions": places}, words)
+            for places, words in (
+                ("[]", ["source.position is missing", "source.positions"]),
+                ("[1.58, 1.1]", ["source.positions = 1.58 must be a list"]),
+                ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
+                ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
+                ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
+                ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
+                ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
+                (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 positions", "at most 100"]),
+            )
+        ),
     ],
 )
 def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
     path = edited(changes)
     assert_refused(words, lambda: positions_of(load_scene(path)))
-
-
-@pytest.mark.parametrize(
-    ("places", "words"),
-    [
-        ("[]", ["source.position is missing", "source.positions"]),
-        ("[1.58, 1.1]", ["source.positions = 1.58 must be a list"]),
-        ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
-        ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
-        ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
-        ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
-        ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
-        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 positions", "at most 100"]),
-    ],
-)
-def test_a_bad_list_of_places_names_key_value_and_remedy(edited, places, words):
-    assert_refused(words, lambda: positions_of(of_places(edited, places)))
 
 
 @pytest.fixture

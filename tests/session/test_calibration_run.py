@@ -69,9 +69,6 @@ def test_solver_robust_estimates_the_sound_speed_too(given):
     assert found.max_error < 5e-3
 
 
-# Modes that the array found cannot interpolate are left out where their number was left open, and that is said.
-
-
 # A scene that is a measurement: opened by its name like any other, simulated by nothing.
 
 

@@ -27,7 +27,7 @@ import numpy as np
 from ...model.libraries import isolated_call
 from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged, read_bytes, require_regular
-from ...model.validation import InputError, StorageError, require_point, shown
+from ...model.validation import InputError, StorageError, naming, require_point, shown
 from . import Format
 from .sofa import from_spherical, placed_receivers
 
@@ -87,11 +87,8 @@ def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
         positions = isolated_call(path, placed_receivers, path)
         return [str(n) for n in range(len(positions))], positions
     content, (read, what) = read_bytes(path, MAX_BYTES), READERS[suffix]
-    try:
-        with damaged(f"{path} is {what}", "write it again, or save the table as .csv"):
-            names, positions, remark = read(content)
-    except InputError as error:
-        raise error.within(path) from error
+    with naming(path), damaged(f"{path} is {what}", "write it again, or save the table as .csv"):
+        names, positions, remark = read(content)
     if remark:
         log.warning("%s: %s", path, remark)
     return names, positions

@@ -17,7 +17,7 @@ import numpy as np
 from ...model.libraries import isolated_call, needs
 from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, naming
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from . import Format, isolated, require_whole_file, wanted_source
 
@@ -35,13 +35,10 @@ def open_sofa(path: Path):
     """Yield the open file with its `variables`; any error becomes an InputError that names the file."""
     sofar = needs("sofar")
     require_whole_file(path)
-    with damaged(f"{path} is not a readable SOFA file"), warnings.catch_warnings():
+    with naming(path), damaged(f"{path} is not a readable SOFA file"), warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about deprecated conventions, which are read nevertheless
         with sofar.SofaStream(str(path)) as stream:
-            try:
-                yield stream._file
-            except InputError as error:
-                raise error.within(path) from error
+            yield stream._file
 
 
 def values_of(file, name: str) -> np.ndarray:
