@@ -69,15 +69,9 @@ MAX_ROWS = 12  # frequencies in a picture
 
 
 def _write_npz(path: Path, field: FieldMap) -> None:
-    arrays: dict[str, Any] = dict(zip("xyz", field.axes, strict=False))
-    arrays |= {
-        "frequencies": field.frequencies,
-        "pressure": field.pressure,
-        "magnitude": np.abs(field.pressure),
-        "uncertainty": field.uncertainty,
-        "inside": field.inside,
-        "microphones": field.microphones,
-    }
+    arrays: dict[str, Any] = dict(zip("xyz", field.axes, strict=False)) | {"magnitude": np.abs(field.pressure)}
+    for name in ("frequencies", "pressure", "uncertainty", "inside", "microphones"):
+        arrays[name] = getattr(field, name)
     with open(path, "wb") as file:
         np.savez_compressed(file, **arrays)
 

@@ -33,7 +33,7 @@ from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
 from .cost_maps import CostMap
-from .html import NO_BUTTONS, Overlay
+from .html import Overlay
 from .scheduler import Memo
 from .state import Binding
 
@@ -158,7 +158,7 @@ def plane_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray 
 
 ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
 PATIENCE = 4.0  # s that it waits for its path; after that it stays where it was released
-CONTINUE = "Continue from here"
+CONTINUE = "continue"  # command of the button that runs the solver from where a microphone has come to rest
 
 
 @dataclass(frozen=True)
@@ -223,6 +223,13 @@ class Drop:
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
+        overlay.on(CONTINUE, lambda client, value: self._run_on())
+
+    def _run_on(self) -> None:
+        """Run the solver from the present state; the map is that of the modes it uses."""
+        self._say("")
+        self.tabs.follow_solver()
+        self._binding.session.play()
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a place, (2,) or (3,), metres, or release it there; on viser's event loop."""
@@ -301,14 +308,7 @@ class Drop:
         if self._rest(view, drag, end, now):
             if descent.home is not None:
                 self.tries, self.home = self.tries + 1, self.home + descent.home
-
-            def run_on() -> None:
-                """Run the solver from the present state; the map is that of the modes it uses."""
-                self._say("")
-                self.tabs.follow_solver()
-                self._binding.session.play()
-
-            self._say(descent.text, {CONTINUE: run_on})
+            self._say(descent.text, CONTINUE)
         return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
     def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
@@ -325,9 +325,9 @@ class Drop:
             self._drag = None
         return False
 
-    def _say(self, words: str, buttons=NO_BUTTONS) -> None:
+    def _say(self, words: str, command: str = "") -> None:
         counts = f"{self.home} of {counted(self.tries, 'drop')} reached the true position" if self.tries else ""
-        self._overlay.say(words, counts, buttons)
+        self._overlay.say(words, counts, command, "Continue from here")
 
     def close(self) -> None:
         """Remove the words."""

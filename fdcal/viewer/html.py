@@ -10,9 +10,8 @@ sends its value as a command: `<button data-do="play">` sends "play", `<input ty
 import logging
 import re
 import secrets
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from html import escape
-from types import MappingProxyType
 
 import numpy as np
 import viser
@@ -215,8 +214,6 @@ CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
 ERROR_TIME = 8.0  # s that a refused command is shown
 
 Act = Callable[[viser.ClientHandle, str], object]
-Buttons = Mapping[str, Callable[[], object]]  # by label, what is called on viser's event loop when one is pressed
-NO_BUTTONS: Buttons = MappingProxyType({})
 
 log = logging.getLogger(__name__)
 
@@ -232,9 +229,6 @@ class Overlay:
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
-        self._buttons = NO_BUTTONS
-        # a button that has been removed does nothing
-        self.on("words", lambda client, label: self._buttons.get(label, lambda: None)())
         self.on("dismiss", lambda client, value: self.say(""))
         self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
@@ -249,13 +243,12 @@ class Overlay:
         if self._regions[region].content != (wanted := content(region, html)):
             self._regions[region].content = wanted
 
-    def say(self, words: str, detail: str = "", buttons: Buttons = NO_BUTTONS) -> None:
-        """Show words, a smaller line below them and buttons; the words "" remove all of it."""
-        self._buttons = buttons
+    def say(self, words: str, detail: str = "", command: str = "", label: str = "") -> None:
+        """Show words, a smaller line below them and a button for a command; the words "" remove all of it."""
         text = f"<div>{escape(words)}</div>" if words else ""
         text += f"<p>{escape(detail)}</p>" if detail else ""
-        labels, kind = [escape(label, quote=True) for label in buttons], 'class="first"' if detail else ""
-        text += "".join(f'<button {kind} data-do="words={label}">{label}</button>' for label in labels)
+        kind = 'class="first"' if detail else ""
+        text += f'<button {kind} data-do="{command}">{label}</button>' if command else ""
         self.show("words", text)
 
     def on(self, name: str, act: Act) -> None:

@@ -5,8 +5,6 @@ is part of the page's HTML: each browser plays it from its beginning without a m
 the first touch ends it there. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ..model.measurement import load_measurement

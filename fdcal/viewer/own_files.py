@@ -18,15 +18,7 @@ from viser import _messages
 from ..graphics.replay import filled
 from ..model.validation import InputError, require_choice
 from ..recordings.recording import ImportOptions, number_in
-from ..session import session_file
-from ..session.sources import (
-    OpenRequest,
-    compared_with_file,
-    is_recording,
-    load_input,
-    measurement_input,
-    measurement_request,
-)
+from ..session import session_file, sources
 from ..session.worker import LatestWorker
 from . import html
 from .server import content
@@ -53,7 +45,9 @@ class Delivered:
 class OwnFiles:
     """Owns the folder and the thread that reads its files; `show` shows a session, `wake` updates the page."""
 
-    def __init__(self, server: viser.ViserServer, show: Callable[[OpenRequest], None], wake: Callable[[], None]):
+    def __init__(
+        self, server: viser.ViserServer, show: Callable[[sources.OpenRequest], None], wake: Callable[[], None]
+    ):
         self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
         self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-", ignore_cleanup_errors=True)
         self.worker, self._complaint = LatestWorker(self._open, "fdcal-open", notify=wake), ""
@@ -144,14 +138,14 @@ class OwnFiles:
         if first.suffix.lower() == ".zip":
             self._show(session_file.read(str(first)))
             return f"{first.name} is shown."
-        if first.suffix.lower() == ".npz" and not is_recording(str(first)):
-            inputs, report = load_input([str(path) for path in paths]), f"{first.name} is shown."
+        if first.suffix.lower() == ".npz" and not sources.is_recording(str(first)):
+            inputs, report = sources.load_input([str(path) for path in paths]), f"{first.name} is shown."
         else:
             options = ImportOptions(leave_out="bad", kind=kind, temperature=temperature)
             measurement, found = import_recording(paths, options)
-            inputs, left_out = measurement_input(measurement, first.stem), tuple(found.left_out)
+            inputs, left_out = sources.measurement_input(measurement, first.stem), tuple(found.left_out)
             report = import_summary(measurement, found, html.CONTROLS)
         if lists:
-            inputs = compared_with_file(inputs, str(lists[0]), left_out)
-        self._show(measurement_request(inputs))
+            inputs = sources.compared_with_file(inputs, str(lists[0]), left_out)
+        self._show(sources.measurement_request(inputs))
         return report

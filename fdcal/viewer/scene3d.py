@@ -33,7 +33,6 @@ from ..model.measurement import Measurement
 from ..model.scene import MeasuredScene
 from ..session.sources import OpenRequest, as_given
 from .server import content
-from .server.client_values import bounded
 
 if TYPE_CHECKING:
     import trimesh
@@ -42,7 +41,6 @@ TOLERANCE = 1e-3  # relative, of camera positions that count as equal
 AIM_TOLERANCE = 4e-6  # of its distance: how far from its target a page's camera may aim
 DEPTH_RANGE = 40.0  # distance of the target over that of the nearest, and of the farthest over it, that is drawn
 MAX_PIXELS = 16384  # of a canvas
-ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 
 @dataclass
@@ -59,8 +57,8 @@ class PageCamera:
 
 def canvas(camera) -> tuple[int, int]:
     """Return width and height of a canvas, pixels, as the page reports them, within bounds."""
-    width, height = camera.image_width, camera.image_height
-    return bounded(width, 1, MAX_PIXELS, ASSUMED_SIZE), bounded(height, 1, MAX_PIXELS, ASSUMED_SIZE)
+    width, height = (min(max(round(edge), 1), MAX_PIXELS) for edge in (camera.image_width, camera.image_height))
+    return width, height
 
 
 def planes(wanted: Camera) -> tuple[float, float]:

@@ -10,8 +10,6 @@ are `async`, so that viser runs them in order on its own event loop. None of the
 it differs from what the browsers have.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace

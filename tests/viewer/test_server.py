@@ -270,7 +270,6 @@ def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(
 
 
 def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):
-    assert all(1 <= client_values.bounded(value, 1, 9, 5) <= 9 for value in INVALID_VALUES)
     slider = server.gui.add_slider("Bounded", 1, 9, 1, 5)
     number = server.gui.add_number("Unbounded", 5.0)
     choice = server.gui.add_dropdown("Choice", ("a", "b"), initial_value="a")

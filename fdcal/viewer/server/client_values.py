@@ -40,18 +40,6 @@ def fits(control, value) -> bool:
     return number and (low is None or value >= low) and (high is None or value <= high)
 
 
-def bounded(value, low: int, high: int, otherwise: int) -> int:
-    """Return `value` rounded to an integer and clipped.
-
-    `value` is from a browser and may be anything; `low` and `high` are the bounds, both included; `otherwise` is
-    returned if `value` is not a number.
-    """
-    try:
-        return min(max(round(float(value)), low), high)
-    except (TypeError, ValueError, OverflowError):
-        return otherwise
-
-
 MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin
 MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight

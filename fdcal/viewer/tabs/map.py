@@ -19,19 +19,8 @@ from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ...model.validation import InputError, modes_text, parse_modes
-from .. import html
-from ..cost_maps import (
-    MAP_KINDS,
-    CostMap,
-    CostMapRequest,
-    MapStyle,
-    carried_modes,
-    cost_map,
-    count_label,
-    map_modes,
-    modes_label,
-    row_label,
-)
+from .. import cost_maps, html
+from ..cost_maps import CostMap, CostMapRequest, MapStyle, carried_modes, cost_map, map_modes
 from ..plots import BLUE, ORANGE, RED, Plot, dots
 from ..prepare import PreparedRun
 from ..scheduler import Memo
@@ -45,7 +34,10 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
         text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
         return f"<div style='{html.CARD}'>{text}</div>"
     modes, marked = request.modes, request.style.minima
-    several, single = f"sum of {count_label(measurement, modes)}", f"{modes_label(measurement, modes)} alone"
+    several, single = (
+        f"sum of {cost_maps.count_label(measurement, modes)}",
+        f"{cost_maps.modes_label(measurement, modes)} alone",
+    )
     what = f"microphone {request.microphone}, {several if len(modes) > 1 else single}"
     if marked:
         minima = {0: "no local minimum", 1: "1 local minimum"}.get(found.count, f"{found.count} local minima")
@@ -93,13 +85,13 @@ class MapTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
         self._caption = Memo()
-        self.kinds = tuple(kind for kind in MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
+        self.kinds = tuple(kind for kind in cost_maps.MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
         choices, row = binding.choices, binding.row
 
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
             return lambda choices: self._possible and choices.kind in kinds
 
-        mapped, of_cost = of_kind(*MAP_KINDS[:-1]), of_kind("flat", "relief", "volume")
+        mapped, of_cost = of_kind(*cost_maps.MAP_KINDS[:-1]), of_kind("flat", "relief", "volume")
         labels = {LABELS[kind]: kind for kind in self.kinds}
         self.kind = binding.choice("Show", "kind", labels, visible=self._possible, command="kind")
         self.microphone = binding.slider(
@@ -469,7 +461,7 @@ class SpectrumTab(Tab):
             uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
         )
         with gui.add_folder("Spectrum", expand_by_default=False):
-            title = "Mean power at the microphones (dB re the maximum)"
+            title = "Mean power (dB re the maximum)"
             self.plot = Plot(gui, title, series, "frequency (Hz)", height=240, legend=False)
             gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
             self.text = gui.add_html("")
@@ -504,7 +496,7 @@ class SpectrumTab(Tab):
         measurement, problem = self._binding.measurement, self._binding.run.problem
         used, limit = self.inputs(state)
         self.plot.show(self.columns(used, limit), self._range)
-        name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
+        name, _, hertz = cost_maps.row_label(measurement, used[-1]).rpartition(", ")
         what = "highest" if measurement.take_count > 1 else "highest in the map"
         highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
         lines = [f"{what}: {name}, <b>{hertz}</b>", f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]
