@@ -227,25 +227,30 @@ def run() -> Iterator[str]:
         if needed and not needed.is_dir():
             yield f"{family}: skipped, {needed} is absent; FDCAL_REAL_DATA names the folder of the measured arrays"
             continue
-        independent: list[np.ndarray] = []
+        independent: list[Found] = []
         for name, cases in groupby(FAMILIES[family](), key=lambda case: case.name):
             found = [calibrated(case) for case in cases]
             yield line(name, found)
             if name.startswith("frl_array") and name.endswith(" 4 takes"):
-                independent += [one.positions for one in found if one.positions is not None]
+                independent += [one for one in found if one.positions is not None]
         if len(independent) > 1:
-            yield _agreement(np.array(independent))
+            yield _agreement(independent)
 
 
-def _agreement(estimates: np.ndarray) -> str:
-    """How far estimates (E, N, 3), metres, from recordings of their own are from their mean, and that from the plan."""
-    truth, mean = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:], estimates.mean(axis=0)
+def _agreement(found: list[Found]) -> str:
+    """How far estimates from recordings of their own are from their mean, beside their claim, and that from the plan.
+
+    The plan is some millimetres off itself, so that only the scatter can be compared with the claim.
+    """
+    truth, estimates = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:], np.array([one.positions for one in found])
+    mean = estimates.mean(axis=0)
     apart = [np.linalg.norm(align(one, mean) - mean, axis=1) for one in estimates]
     spread = _rms(apart) * np.sqrt(len(estimates) / (len(estimates) - 1))
     off, size = _rms(np.linalg.norm(align(mean, truth) - truth, axis=1)), np.sqrt(np.mean(np.sum(mean**2, axis=1)))
     return (
-        f"frl_array: {len(estimates)} estimates of 4 takes each scatter by {1e3 * spread:.1f} mm; their mean is"
-        f" {1e3 * off:.1f} mm from the plan, of an array of {1e3 * size:.0f} mm"
+        f"frl_array: {len(estimates)} estimates of 4 takes each scatter by {1e3 * spread:.1f} mm and claim"
+        f" {1e3 * _rms([one.claim for one in found]):.1f} mm; their mean is {1e3 * off:.1f} mm from the plan, of an"
+        f" array of {1e3 * size:.0f} mm"
     )
 
 

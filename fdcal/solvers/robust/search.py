@@ -66,7 +66,8 @@ def is_complete(problem: Problem, state: State) -> bool:
 def likely(state: State) -> tuple[FittedStart, ...]:
     """Return the arrays that are worth another fit, the likeliest first."""
     found = state.starts or ()
-    return tuple(one for one in found if one.cost < found[0].cost + WORSE)[:MAX_RESTARTS]
+    limit = min((one.cost for one in found), default=0.0) + WORSE
+    return tuple(one for one in found if one.cost < limit)[:MAX_RESTARTS]
 
 
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
