@@ -62,7 +62,7 @@ def leave_one_out() -> str:
     """Leave-one-out errors of draws of array 2 and the ball."""
     lines = [
         "| | leave-one-out error | worst frequency | worst microphone | error of the field inside the array | position"
-        " error, RMS, median draw | draws that are lost |",
+        " error, RMS, median draw | draws not found |",
         "|---|---|---|---|---|---|---|",
     ]
     for name, snr, words in (("array2_random", 40, "array 2, 40 dB"), ("array2_random", 20, "array 2, 20 dB"),

@@ -189,7 +189,7 @@ def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Re
 
 
 # subsets of the given positions on which an array is aligned, at most; with 3 subsets 2 of 24 arrays with 9 to 20 given
-# positions are lost
+# positions are not found
 SUBSETS = 40
 
 

@@ -37,8 +37,8 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
 # evenly spaced modes from which the noise is estimated, at most; with all modes it takes three times the time, and the
 # error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
-# The reported noise is used if it is within this factor of the estimate. Used always, an array with 2.6 mm of error is
-# lost; used never, the error of one in space grows from 16 to 20 mm.
+# The reported noise is used if it is within this factor of the estimate. If it is always used, an array is no longer
+# found whose error is 2.6 mm; if it is never used, the error of one in space grows from 16 to 20 mm.
 BELIEVED = 2.0
 
 

@@ -309,7 +309,7 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
-# nepers and radians, prior sigma of gains and phases at the start; with 0.05 an array with 4.5 mm of error is lost
+# nepers and radians, prior sigma of gains and phases at the start; with 0.05 an array with 4.5 mm of error is not found
 GAIN_SIGMA = 0.02
 PHASE_SIGMA = 0.02
 

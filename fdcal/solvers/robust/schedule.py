@@ -176,12 +176,12 @@ def with_windows(problem: Problem, state: State) -> State | None:
     if problem.windows is None:
         return None
     model = state.model
-    heard = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
+    counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # with all delays free, errors of a small array appear as delays of its channels
-        heard &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
-    if not windows.usable(problem, state.positions, heard):
+        counted &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
+    if not windows.usable(problem, state.positions, counted):
         return None
-    term = windows.window_term(problem, state.positions, state.offsets[:, 1], heard)
+    term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted)
     if term is None:
         return None
     # Given positions determine the array beside the pressures, and would hide how unreliable these are.

@@ -95,25 +95,25 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
     return U @ V
 
 
-def usable(problem: Problem, positions: Reals, heard: Bools) -> bool:
+def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
     """Return whether there are windows, and the array is small enough for them."""
-    if problem.windows is None or problem.dimension != 3 or np.sum(heard) < MIN_MICROPHONES:
+    if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
         return False
-    x = positions[heard]
+    x = positions[counted]
     diameter = float(np.linalg.norm(x[:, None] - x, axis=2).max())
     return diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
 
 
-def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools) -> WindowTerm | None:
+def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
     """Return the term of the windows of a problem; None where they show no array.
 
     positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, otherwise 0,
-    since the fit estimates small phases and levels; heard : (N,) bool, channels in use
+    since the fit estimates small phases and levels; counted : (N,) bool, channels in use
     """
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
-    likelihood = likelihood_of(problem.windows.of_microphones(heard), problem.sound_speed, phases[heard])
-    starts = [(positions[heard], STAGES[1:])]
+    likelihood = likelihood_of(problem.windows.of_microphones(counted), problem.sound_speed, phases[counted])
+    starts = [(positions[counted], STAGES[1:])]
     if (coherent := _coherent(likelihood, D)) is not None:
         starts = [(coherent, STAGES), *starts]
     try:
@@ -122,12 +122,12 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, heard: Bools)
         return None
     x = np.array(positions)
     found = field.positions[:, axes]
-    x[heard] = align(found, positions[heard])
-    whole = np.kron(np.eye(len(found)), _turn(found, x[heard]))
+    x[counted] = align(found, positions[counted])
+    whole = np.kron(np.eye(len(found)), _turn(found, x[counted]))
     precision = np.linalg.pinv(whole.T @ covariance @ whole, rcond=1e-9, hermitian=True)
     if not np.any(np.diag(precision) > 0):
         return None
-    index = np.arange(N * D).reshape(N, D)[heard].ravel()
+    index = np.arange(N * D).reshape(N, D)[counted].ravel()
     embedded = np.zeros((N * D, N * D))
     embedded[np.ix_(index, index)] = precision
     return WindowTerm(x, embedded)
