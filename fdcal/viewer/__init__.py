@@ -8,7 +8,7 @@ session_view     one session on the screen, and its picture
 panels           the run bar and the tabs of one session
 state            what the page shows, the choices of its users, and the controls that change them
 scheduler        the threads of a session, and memos of the last results
-html, plots      what the page says, and its plots
+html             what the page says
 tabs             one module for each tab
 explore, address the face Explore, and the view in the page's address
 prepare          from a request to a session that can be shown

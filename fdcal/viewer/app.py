@@ -1,5 +1,7 @@
 """Serve the page until Ctrl-C."""
 
+import contextlib
+import io
 from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
@@ -7,7 +9,7 @@ from ..session.process import interrupts
 from ..session.sources import OpenRequest
 from ..session.worker import Flag
 from .opening import film_html, opening_request
-from .server.hardening import is_loopback, open_server, without_output
+from .server.hardening import is_loopback, open_server
 from .server.process import error_log, share_one_heap
 
 BROWSER_TIME = 1.0  # s at most that the session waits for a browser to ask for the page of the opening
@@ -55,14 +57,15 @@ def serve(
 
             page = Page(server, nodes, lessons, on_progress, is_loopback(host))
             if begin is not None:
-                page.lessons.start(begin.title)
+                page.lessons.open(begin.title, 1)
             else:
                 page.open(request or opening_request())
             page.run(interrupt)
         finally:
             if page is not None:
                 page.close()
-            without_output(server.stop)
+            with contextlib.redirect_stdout(io.StringIO()):  # viser prints that it has stopped
+                server.stop()
 
 
 def address(host: str, port: int) -> str:

@@ -13,6 +13,7 @@ from doubles import CallRecorder, set_by_client
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
+from fdcal.model.validation import InputError
 from fdcal.session.lesson import Lesson, LessonProgress, LessonSetting, LessonStep, load_lesson
 from fdcal.session.scene_edits import edited
 from fdcal.session.session import Session
@@ -129,7 +130,7 @@ def run_ends(page, lessons):
 def begun(page, *lessons):
     """The tab with some lessons, the first of which is begun, with its scene on the page."""
     made = LessonsTab(page, list(lessons))
-    made.start(lessons[0].title)
+    made.open(lessons[0].title)
     page.ready()
     made.show()
     return made
@@ -139,7 +140,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lesson = load_lesson("3_too_many_too_soon")
     lessons = LessonsTab(page, [lesson])
     assert not lessons.caption
-    lessons.start("3. Too many too soon")
+    lessons.open("3. Too many too soon")
     assert "step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
     assert not answers_of(lessons), "no question is asked before its picture is shown"
     lessons.show()
@@ -213,10 +214,11 @@ def test_the_next_step_restores_the_scene_of_the_lesson(page):
 
 def test_invalid_values_change_nothing(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.start("3. Too many too soon")
+    lessons.open("3. Too many too soon")
     before = lessons.progress
-    for junk in ("", "Z", "AB", "Next ", None, EVIL, "a" * 300):
-        lessons.start(junk)
+    for junk in ("Z", "AB", "Next ", EVIL, "a" * 300):
+        with pytest.raises(InputError, match="there is no lesson"):
+            lessons.open(junk)
     lessons.go(-1)
     lessons.answer(3)
     lessons.answer(-1)
@@ -310,14 +312,14 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     """Its first step finds the controls with which a page begins."""
     page, turn_until = opened
     lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
-    lessons.start("Mine")
+    lessons.open("Mine")
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "themed")}
     assert odd == replace(plain, dark=True, objective=False, **kept)
     turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
     page.viewer.binding.choose(minima=False)
-    lessons.start("Mine")
+    lessons.open("Mine")
     turn_until(lambda: page.viewer.binding.choices.minima)
 
 
@@ -325,7 +327,7 @@ def test_what_the_user_opens_during_a_lesson_stays(opened):
     page, turn_until = opened
     lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
     first = page.viewer
-    lessons.start("Mine")
+    lessons.open("Mine")
     turn_until(lambda: page.viewer is not first and page.switcher.idle)
     of_the_lesson, mine = page.viewer, OpenRequest(edited(load_scene(SMALL), {"title": "Mine"}))
     page.open(mine)
@@ -351,7 +353,7 @@ def test_a_lesson_sets_what_it_says_and_every_control_is_as_it_was_after_it(open
     )
     choices, lessons = page.viewer.binding.choices, LessonsTab(page, [Lesson("All", steps)])
     page.lessons = lessons
-    lessons.start("All")
+    lessons.open("All")
     for number in range(len(steps)):
         turn_until(lambda: page.switcher.idle and prepared(page))
         lessons.answer(0)

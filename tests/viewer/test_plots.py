@@ -9,8 +9,9 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.session.session import StateCosts
-from fdcal.viewer import html, plots
+from fdcal.viewer import html
 from fdcal.viewer.state import Binding, PageState
+from fdcal.viewer.tabs import curves as plots
 from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs.curves import CurvesTab
 

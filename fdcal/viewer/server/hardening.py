@@ -24,7 +24,7 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn
 
 import viser
 import websockets
@@ -218,8 +218,6 @@ FREE_PORT = "use <port> 1024 to 65535, or <port> 0 for a free one"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
 
-Result = TypeVar("Result")
-
 
 def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None] = lambda: None) -> viser.ViserServer:
     """Open a server that only its own page can use.
@@ -257,7 +255,8 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
     mend()
     module.serve = restricted
     try:
-        server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
+        with contextlib.redirect_stdout(io.StringIO()):  # standard output belongs to the command line
+            server = viser.ViserServer(host=host, port=port, verbose=False)
     finally:
         module.serve = serve
     for message in [*server._websock_server._incoming_handlers]:
@@ -266,15 +265,10 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
             server._websock_server.unregister_handler(message)
     _drop_bad_updates(server)
     if port and server.get_port() != port:  # viser takes the next free port without a message
-        without_output(server.stop)
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
         raise InputError(f"port = {port} is in use", FREE_PORT, key="port")
     return server
-
-
-def without_output(function: Callable[[], Result]) -> Result:
-    """Call `function` and discard what it prints: standard output belongs to the command line."""
-    with contextlib.redirect_stdout(io.StringIO()):
-        return function()
 
 
 def allowed_origins(host: str) -> list[re.Pattern[str]]:

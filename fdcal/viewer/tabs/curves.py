@@ -1,14 +1,125 @@
-"""The tab Curves: error and cost against sweeps."""
+"""The tab Curves: error and cost against sweeps; and the plots of the page by uPlot, with common colours of curves.
 
+A plot is kept while its data and axes change. If a plot were removed and added again, it would have no width for a
+moment and move the controls below it, and data for the old plot could still arrive.
+
+Other axes make the page build a new chart. viser's page keeps the visible part of the abscissa when the extent of the
+data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in a
+corner or cut off. The axes are therefore sent some time after the data.
+
+uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. NaN is never sent, since with
+it uPlot would search for axis ticks without end.
+"""
+
+import time
 from typing import Any
 
 import numpy as np
+import viser
 from viser import uplot
 
 from ...graphics.picture import row_word
 from ...model.validation import evenly_spaced
-from ..plots import BLUE, ORANGE, RED, Plot, decades_of
 from ..state import Binding, PageState, Tab
+
+RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
+MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
+WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
+APART = 0.3  # s between data of another extent and other axes
+PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
+
+# Of the ordinate: powers of ten between the ends of a logarithmic axis, the ends of a linear one, or uPlot's own.
+Ends = range | tuple[float, float] | None
+
+
+class Plot:
+    """Owns one plot.
+
+    `title` has the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
+    abscissa, with its unit, which has ticks only at whole numbers; `height`: pixels; `legend`: whether the plot has a
+    legend below it. `data` are the columns on the page; `folder` contains the plot and can be made invisible.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        title: str,
+        series: tuple[uplot.Series, ...],
+        x: str,
+        height: int = 215,
+        legend: bool = True,
+    ):
+        self._legend: Any = None if legend else {"show": False}
+        self._gui, self._series, self._x, self._height = gui, series, x, height
+        self.folder, self.title = gui.add_folder(None), title
+        self.handle: viser.GuiUplotHandle | None = None
+        self._ends: Ends = None  # of the axis on the page
+        self._wanted: tuple[tuple[np.ndarray, ...], Ends] = (), None  # data and ends of the last call of `show`
+        self.data: tuple[np.ndarray, ...] = ()  # the data on the page
+        self._until, self._axes_next = 0.0, False  # time until which nothing is sent, and whether axes are sent next
+
+    def show(self, data: tuple[np.ndarray, ...], ends: Ends = None) -> None:
+        """Draw columns of finite numbers: abscissa and ordinates, (P,) float64 each."""
+        self._wanted = data, ends
+        if self.handle is None:
+            self.data, self._ends = data, ends
+            with self.folder:
+                scales, axes = self._scales_and_axes()
+                self.handle = self._gui.add_uplot(
+                    data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
+                    padding=PADDING, legend=self._legend,
+                )  # fmt: skip
+        self.send_waiting()
+
+    def send_waiting(self) -> None:
+        """Send data or axes that wait, after the page has drawn the last ones; called by the main loop."""
+        now = time.perf_counter()
+        if self.handle is None or now < self._until:
+            return
+        data, ends = self._wanted
+        if self._axes_next:  # after data of another extent
+            self._axes_next, self._until = False, now + APART
+        elif data is not self.data:
+            self._axes_next = ends != self._ends and _extent(data) != _extent(self.data)
+            self._until = now + APART if self._axes_next else 0.0
+            self.data = self.handle.data = data
+        if ends != self._ends and not self._axes_next:
+            self._ends = ends
+            self.handle.scales, self.handle.axes = self._scales_and_axes()
+
+    def _scales_and_axes(self) -> tuple[dict[str, uplot.Scale], tuple[uplot.Axis, uplot.Axis]]:
+        y, axis = uplot.Scale(), uplot.Axis(size=58)
+        if isinstance(self._ends, tuple):
+            y = uplot.Scale(range=self._ends)
+        elif self._ends is not None:
+            splits = tuple(10.0**power for power in self._ends)
+            apart = 1 + len(splits) // MAX_NUMBERED_DECADES
+            numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
+            y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))
+            axis = uplot.Axis(size=58, splits=splits, values=numbers)
+        scales = {"x": uplot.Scale(time=False), "y": y}
+        return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, incrs=WHOLE_STEPS), axis)
+
+
+def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:
+    """Return the ends of the abscissa."""
+    return float(data[0].min()), float(data[0].max())
+
+
+def decades_of(*curves: np.ndarray) -> range:
+    """Return the powers of ten, at least two, between which all numbers of the curves (P,) lie, which are above zero.
+
+    They replace uPlot's own grid, which has too many lines and numbers.
+    """
+    powers = np.log10(np.concatenate(curves))
+    first, last = int(np.floor(powers.min() + 1e-9)), int(np.ceil(powers.max() - 1e-9))
+    return range(first, max(last, first + 1) + 1)
+
+
+def dots(size: float, stroke: str, fill: str) -> Any:
+    """Return the points of a series: round, `size` pixels across; colours as in CSS."""
+    return {"show": True, "size": size, "width": 1.5, "stroke": stroke, "fill": fill}
+
 
 MAX_POINTS = 600  # of a plot, all of which are sent each time
 ZERO = 1e-9  # mm, drawn below the axis in place of an error of zero, which has no logarithm

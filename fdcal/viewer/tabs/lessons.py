@@ -273,17 +273,6 @@ class LessonsTab:
             )
         return "".join(items) if self._lessons else "<div class='dim'>There are no lessons.</div>"
 
-    def start(self, title: str, number: int = 0, then: Callable[[], object] = lambda: None) -> None:
-        """Start a lesson, by its title, at a step, counted from 0; ignore any other text. `then`: as of `open`."""
-        viewer, lesson = self._page.viewer, self._lessons.get(title)
-        if lesson is None:
-            return
-        if viewer is not None and self.progress.lesson is None:
-            self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
-        self._returning = None
-        self.progress = LessonProgress(lesson, number)
-        self._set_up(True, then)
-
     def open(self, name: str, number: int | None = None, then: Callable[[], object] = lambda: None) -> None:
         """Show a step of a lesson, by the step's number from 1; None for where it was left.
 
@@ -305,7 +294,11 @@ class LessonsTab:
         if number is not None and (self.progress.lesson, self.progress.number) == (lesson, at):
             then()
             return
-        self.start(lesson.title, at, then)
+        if self._page.viewer is not None and self.progress.lesson is None:
+            self._before = self._returning or PageBefore.of(self._page.viewer, self._page.nodes.cameras)
+        self._returning = None
+        self.progress = LessonProgress(lesson, at)
+        self._set_up(True, then)
 
     def end(self) -> None:
         """End the lesson, and restore the page as it was before, unless the user has opened something else."""
@@ -338,8 +331,8 @@ class LessonsTab:
         """Go to the next step; after the last one, start the next lesson, if there is one."""
         if self.progress.moved(1) is not None:
             self.go(1)
-        else:
-            self.start(self._next_lesson)
+        elif self._next_lesson:
+            self.open(self._next_lesson, 1)
 
     def go(self, count: int) -> None:
         """Go on by `count` steps, or set up the present step again for 0, unless the lesson has no such step."""

@@ -121,10 +121,6 @@ def _replay(snapshot: PageState) -> bytes:
     ).encode()  # fmt: skip
 
 
-def _session(snapshot: PageState) -> bytes:
-    return session_file.write(snapshot.run.request_of(snapshot.view, snapshot.choices.to_save()))
-
-
 @dataclass(frozen=True)
 class Kind:
     """A kind of file."""
@@ -154,7 +150,11 @@ KINDS = {
     "Replay (HTML)": Kind(
         "-replay.html", "The whole run as one page that plays in any browser, without a server or a network.", _replay
     ),
-    "Session (ZIP)": Kind("-session.zip", "Everything needed to resume later: fdcal view FILE.zip", _session),
+    "Session (ZIP)": Kind(
+        "-session.zip",
+        "Everything needed to resume later: fdcal view FILE.zip",
+        lambda state: session_file.write(state.run.request_of(state.view, state.choices.to_save())),
+    ),
 }
 
 
