@@ -19,8 +19,9 @@ from fdcal.acoustics.spectrum import ModalPressures
 from fdcal.model.arrays import ball, circle, hull_meets, random_source
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power
+from fdcal.model.quantities import Count, Hertz, Metres
 from fdcal.model.scene import Room
-from fdcal.model.validation import Count, Hertz, InputError, Metres, check, within
+from fdcal.model.validation import InputError, check, within
 from fdcal.session.scene_edits import spread_out
 
 CLEARANCE_M = 0.7  # minimum distance of a source from every microphone

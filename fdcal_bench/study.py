@@ -11,9 +11,10 @@ from typing import Annotated, Any
 import numpy as np
 
 from fdcal.acoustics.spectrum import SPECTRUM
+from fdcal.model.quantities import Count, Seconds, Seed
 from fdcal.model.scene import MeasuredScene, Room, Scene, load_scene, scene_table
 from fdcal.model.storage import parse_toml, read_bytes
-from fdcal.model.validation import Count, InputError, Seconds, Seed, build, check, shown, within
+from fdcal.model.validation import InputError, build, check, shown, within
 from fdcal.session.scene_edits import SceneParameters, change, parameters_of, with_parameters
 
 from .draw import RIGID_DECAY, Scenario, admittance_of

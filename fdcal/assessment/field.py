@@ -25,7 +25,8 @@ from ..cost.likelihood import FieldModel, field_covariance, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
-from ..model.validation import Hertz, InputError, Metres, convert, frozen_array
+from ..model.quantities import Hertz, Metres
+from ..model.validation import InputError, convert, frozen_array
 
 EXTRA_ORDERS = 8  # orders beyond ceil(k R), after which the rest of W W^H is below 1e-9
 NOISE_DEFLATION = 3.0  # divisor of the noise in mu, because a room's field is less isotropic than this prior

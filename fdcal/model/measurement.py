@@ -18,21 +18,10 @@ import numpy as np
 
 from .gauge import align, minimal_frame, position_errors
 from .problem import Problem, ShortWindows, joined_windows, mode_power
+from .quantities import MetresPerSecond, Seconds
 from .settings import Search
 from .storage import load_archive
-from .validation import (
-    LIMITS,
-    InputError,
-    MetresPerSecond,
-    Seconds,
-    convert,
-    frozen_array,
-    naming,
-    refusal,
-    require_array,
-    require_choice,
-    shown,
-)
+from .validation import LIMITS, InputError, convert, frozen_array, naming, refusal, require_array, require_choice, shown
 
 LATEST_ARRIVAL = 1e4  # seconds
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed

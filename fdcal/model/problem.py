@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .gauge import GaugeFrame
+from .quantities import Seconds
 from .settings import Search
-from .validation import InputError, Numbers, Reals, Seconds, convert, frozen_array, require_array
+from .validation import InputError, Numbers, Reals, convert, frozen_array, require_array
 
 
 def mode_power(pressures: Numbers) -> np.ndarray:

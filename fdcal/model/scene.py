@@ -30,18 +30,12 @@ from typing import Annotated, Any
 import numpy as np
 
 from .measurement import Measurement, load_measurement
+from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .storage import parse_toml, read_bytes
 from .validation import (
     LIMITS,
-    Count,
-    Hertz,
     InputError,
-    Metres,
-    MetresPerSecond,
-    Point,
-    Seconds,
-    Seed,
     StorageError,
     build,
     check,

@@ -11,21 +11,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from .gauge import align
-from .validation import (
-    LIMITS,
-    Count,
-    Hertz,
-    InputError,
-    Metres,
-    Point,
-    Positive,
-    check,
-    option,
-    positive,
-    refusal,
-    require_finite,
-    within,
-)
+from .quantities import Count, Hertz, Metres, Point, Positive, option, positive
+from .validation import LIMITS, InputError, check, refusal, require_finite, within
 
 
 @dataclass(frozen=True)

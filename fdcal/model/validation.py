@@ -1,7 +1,7 @@
 """Checks of input from outside: the two errors that a user can meet, limits, declared types, values as texts.
 
 Every message names the key, its value and the remedy, in one line. A value beyond the limits counts as a mistake.
-A declaration is a type. `Annotated[float, within(0, 1, "m")]` adds the range and the unit, `Literal` lists choices:
+A declaration is a type (`fdcal.model.quantities`): `Annotated[float, within(0, 1, "m")]` has a range and a unit.
 
     convert(value, kind, key)   the value as a type, read by msgspec
     build(Record, table)        a frozen dataclass out of a table: every key known, present and of its type
@@ -65,8 +65,6 @@ class Limits:
 
 
 LIMITS = Limits()
-
-Point = tuple[float, ...]  # coordinates, metres
 
 
 class InputError(ValueError):
@@ -259,25 +257,6 @@ WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or
 def within(low: float | None = None, high: float | None = None, unit: str = "", **option: Any) -> msgspec.Meta:
     """Return the range and the unit of a number, for `Annotated`; `option`: as of `fdcal.commands.options`."""
     return msgspec.Meta(ge=low, le=high, extra={"unit": unit, **option})
-
-
-def positive(unit: str = "", **option: Any) -> msgspec.Meta:
-    """Return the range of positive numbers whose products cannot overflow."""
-    return within(LIMITS.smallest, LIMITS.largest, unit, **option)
-
-
-def option(default: Any, text: str, metavar: str | None = None) -> Any:
-    """Return a field that is an option of the command line, with its help and placeholder."""
-    return dataclasses.field(default=default, metadata={"help": text, "metavar": metavar})
-
-
-Positive = Annotated[float, positive()]
-Metres = Annotated[float, positive("m")]
-Hertz = Annotated[float, positive("Hz")]
-Seconds = Annotated[float, positive("s")]
-MetresPerSecond = Annotated[float, positive("m/s")]
-Count = Annotated[int, within(1)]
-Seed = Annotated[int, within(0)]
 
 
 def convert(value: object, kind: Any, key: str) -> Any:

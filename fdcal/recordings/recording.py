@@ -17,18 +17,8 @@ from typing import Annotated, Literal, get_args
 
 import numpy as np
 
-from ..model.validation import (
-    LIMITS,
-    InputError,
-    MetresPerSecond,
-    Seconds,
-    check,
-    frozen_array,
-    option,
-    positive,
-    require_array,
-    within,
-)
+from ..model.quantities import MetresPerSecond, Seconds, option, positive
+from ..model.validation import LIMITS, InputError, check, frozen_array, require_array, within
 
 Kind = Literal["impulse", "stationary"]
 KINDS = get_args(Kind)

@@ -18,8 +18,9 @@ from ..cost.eq7 import reference_cost_of
 from ..model.gauge import move_to_frame, principal_axes, turn_to_frame
 from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
+from ..model.quantities import Metres, Seconds
 from ..model.settings import SolverSettings, search_around
-from ..model.validation import InputError, Metres, Seconds, convert, frozen_array
+from ..model.validation import InputError, convert, frozen_array
 from ..solvers import load, run
 from ..solvers.interface import RunState, ended_early, time_limit
 from ..solvers.requirements import check_solvable

@@ -19,10 +19,11 @@ from .. import solvers
 from ..model.address import SOLVER, Map, Unit, View, parse_address
 from ..model.arrays import positions_of
 from ..model.problem import Problem
+from ..model.quantities import Seed
 from ..model.scene import Scene, folder_of, load_scene
 from ..model.settings import SolverSettings
 from ..model.storage import parse_toml, read_bytes
-from ..model.validation import InputError, Seed, StorageError, build, naming, parse_modes, shown, within
+from ..model.validation import InputError, StorageError, build, naming, parse_modes, shown, within
 from ..solvers.interface import RunState
 from .scene_edits import edited
 

@@ -12,9 +12,10 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..model.arrays import positions_of
+from ..model.quantities import Count, Metres, Seed
 from ..model.scene import WALLS, Array, Gauge, MeasuredScene, Scene
 from ..model.settings import ALL_MODES, Search
-from ..model.validation import Count, InputError, Metres, Seed, build, check, require_choice, within
+from ..model.validation import InputError, build, check, require_choice, within
 
 
 def table_of(scene: Scene) -> dict[str, Any]:

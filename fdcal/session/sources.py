@@ -18,9 +18,10 @@ from ..acoustics.measure import cached_measurement, require_measurable
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.measurement import FLAT, Measurement, exclude_microphones, list_labels, load_measurement, with_positions
+from ..model.quantities import Count, Seed
 from ..model.scene import Faults, MeasuredScene, Scene, load_scene, placeholder_scene, require_rectangle
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import Count, InputError, Seed, convert, declaration, length_text, refusal
+from ..model.validation import InputError, convert, declaration, length_text, refusal
 from ..recordings import formats
 from ..recordings.formats.arrays import keys_of
 from ..recordings.formats.positions import read_positions
