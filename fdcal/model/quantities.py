@@ -29,4 +29,5 @@ Hertz = Annotated[float, positive("Hz")]
 Seconds = Annotated[float, positive("s")]
 MetresPerSecond = Annotated[float, positive("m/s")]
 Count = Annotated[int, within(1)]
-Seed = Annotated[int, within(0)]
+Whole = Annotated[int, within(0)]
+Seed = Whole

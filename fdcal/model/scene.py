@@ -25,26 +25,15 @@ import typing
 from collections import Counter
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from .measurement import Measurement, load_measurement
-from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed
+from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed, Whole
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .storage import parse_toml, read_bytes
-from .validation import (
-    LIMITS,
-    InputError,
-    StorageError,
-    build,
-    check,
-    refusal,
-    require_choice,
-    require_point,
-    shown,
-    within,
-)
+from .validation import LIMITS, InputError, StorageError, build, check, refusal, require_choice, require_point, shown
 
 SUFFIX = ".mat"
 UNKNOWN_WALLS = "unknown"  # room.walls of a measured room
@@ -408,7 +397,7 @@ class Array:
     radius: Metres | None = None  # of a circle or ball, metres
     shape: tuple[Count, ...] | None = None  # microphones along x and y of a rectangle or plane
     size: tuple[Metres, ...] | None = None  # outer lengths of a rectangle, plane or box, metres
-    random: Annotated[int, within(0)] = 0  # additional random microphones inside `size` ("rectangle+random")
+    random: Whole = 0  # additional random microphones inside `size` ("rectangle+random")
     positions: tuple[Point, ...] | None = None  # one microphone a row, metres ("positions")
 
     OPTIONAL: typing.ClassVar = ("center", "count", "radius", "shape", "size", "random", "positions")

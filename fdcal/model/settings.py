@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from .gauge import align
-from .quantities import Count, Hertz, Metres, Point, Positive, option, positive
+from .quantities import Count, Hertz, Metres, Point, Positive, Whole, option, positive
 from .validation import LIMITS, InputError, check, refusal, require_finite, within
 
 
@@ -223,7 +223,7 @@ class SolverSettings:
     name: str = "robust"
     modes: Count = ALL_MODES
     first_modes: Count = 3
-    order_offset: Annotated[int, within(0)] = 2
+    order_offset: Whole = 2
     ample_modes: Count = 15
     known_weight: Positive = 1000.0
     weights: Literal["unit", "raw"] = "unit"

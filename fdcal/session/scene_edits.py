@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from ..model.arrays import positions_of
-from ..model.quantities import Count, Metres, Seed
+from ..model.quantities import Count, Metres, Seed, Whole
 from ..model.scene import WALLS, Array, Gauge, MeasuredScene, Scene
 from ..model.settings import ALL_MODES, Search
 from ..model.validation import InputError, build, check, require_choice, within
@@ -78,7 +78,7 @@ class SceneParameters:
     absorption: Annotated[float, within(0, 1)]
     snr_db: float  # decibels, inf for no noise
     sound_speed_error: float  # relative error of the sound speed given to the solver, positive if it is too high
-    known: Annotated[int, within(0)]  # number of known microphones
+    known: Whole  # number of known microphones
     seed: Seed  # of random microphones, noise and random starts
 
     def __post_init__(self):
