@@ -360,7 +360,6 @@ class Tabs:
         """Let everything follow the values of the controls, after a program has set them."""
         for tab in self:
             tab.refresh()
-        self.run_bar.refresh()
 
     def show(self, tick: PageState) -> None:
         """Bring everything up to date; called by the main loop."""

@@ -20,7 +20,7 @@ from fdcal.session.session import Session
 from fdcal.session.sources import OpenRequest
 from fdcal.viewer.panels import Panels
 from fdcal.viewer.state import Choices
-from fdcal.viewer.tabs.lessons import LessonsTab, apply_setting, caption_html, show_frame
+from fdcal.viewer.tabs.lessons import LessonsTab, apply_setting, show_frame
 
 EVIL = "<script>alert(1)</script>"
 
@@ -246,11 +246,14 @@ def test_a_frame_is_shown_or_run_to(kernels):
     session.close()
 
 
-def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_one():
+def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_one(page):
     """On a small screen the button below has no place beside all choices."""
     lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, ("one", f"{EVIL}two", "three"), 2, EVIL),))
+    lessons = LessonsTab(page, [lesson, replace(lesson, title=f"{EVIL}, the next")])
+    lessons._error = EVIL
     for choice, shown in ((1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})):
-        text = caption_html(LessonProgress(lesson, 0, choice), "", EVIL, EVIL, EVIL)
+        lessons.progress = LessonProgress(lesson, 0, choice)
+        text = lessons.caption
         assert "<script" not in text and "&lt;script" in text
         assert {word for word in ("one", "two", "three") if f"{word}<" in text} == shown
         assert ("&#10007;" in text) == (choice != 1) and text.count("&#10003;") == 1

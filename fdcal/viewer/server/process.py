@@ -98,17 +98,13 @@ def log_location() -> str:
     return "the terminal's log"
 
 
-log = logging.getLogger(__name__)
-
 M_ARENA_MAX = -8  # of glibc's malloc.h
 
 
-def share_one_heap() -> bool:
-    """Make all threads of this process share one heap from now on; return False if malloc is not glibc's."""
-    try:
-        return ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1) == 1
-    except (OSError, AttributeError):
-        return False
+def share_one_heap() -> None:
+    """Make all threads of this process share one heap from now on, if malloc is glibc's."""
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
 
 
 def release_memory(server: viser.ViserServer) -> None:
@@ -119,7 +115,5 @@ def release_memory(server: viser.ViserServer) -> None:
     """
     server._run_garbage_collector()
     gc.collect()
-    try:
+    with contextlib.suppress(OSError, AttributeError):  # another libc
         ctypes.CDLL(None).malloc_trim(0)
-    except (OSError, AttributeError):  # another libc
-        log.debug("this libc has no malloc_trim")

@@ -150,54 +150,6 @@ NEXT_STEP, NEXT_LESSON, HURRY = "Next step", "Next lesson: {}", "Run to the end"
 PREPARED, RUNS = "The scene of this step is being prepared", "The solver is running"
 
 
-def caption_html(
-    progress: LessonProgress, awaited: str = "", waits: str = "", error: str = "", following: str = "", panel: str = ""
-) -> str:
-    """Return the HTML of a step, with its answers as buttons or, after a choice, the right one; "" without a lesson.
-
-    While `awaited` is PREPARED or RUNS, the question or the explanation is left out. `waits` describes the session that
-    the end of the lesson brings back; `error` says why the step could not be set; `following` is the label of the
-    button that continues after the question; `panel` is HTML below the text.
-    """
-    lesson, step, number, choice = progress.lesson, progress.step, progress.number, progress.choice
-    if lesson is None or step is None:
-        return ""
-    last, answered = len(lesson.steps) - 1, choice >= 0
-    parts = [f"<div class='dim'>{escape(lesson.title)}, step {number + 1} of {last + 1}</div>"]
-    if number == 0 and not answered and waits:
-        parts.append(f"<div class='dim'>{escape(waits)}</div>")
-    if not answered:
-        parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
-    if step.question and (answered or not awaited):
-        parts.append(f"<b>{escape(step.question)}</b>")
-    if awaited and answered:
-        parts.append(f"<div>Your answer: <b>{escape(step.choices[choice])}</b></div>")
-    if awaited:
-        words = awaited + (
-            ". The explanation follows when it has ended." if answered and awaited == RUNS else "&nbsp;..."
-        )
-        parts.append(f"<div class='awaited'>{words}</div>{panel}")
-    elif step.question:
-        right = step.answer - 1
-        for i in sorted({choice, right} if answered else ()):  # the other answers are left out
-            parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
-        if answered:
-            parts.append(f"<b>{'Right.' if choice == right else 'Not quite.'}</b>")
-            parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
-        parts.append(panel)
-    if not awaited and not answered and step.choices:
-        buttons = "".join(_button(f"answer={i}", text) for i, text in enumerate(step.choices))
-        parts.append(f"<div class='choices'>{buttons}</div>")
-    steps = _button("follow", following, "first") if following else ""
-    steps += _button("hurry", HURRY) if awaited == RUNS else ""
-    steps += _button("back", "Back") if number else ""
-    steps += _button("restore", "Restore settings") + (
-        _button("next", "Next") if number < last and not following else ""
-    )
-    steps += _button("end", "End lesson")
-    return f"{''.join(parts)}{complaint(error)}<div class='steps' id='fdcal-steps'>{steps}</div>"
-
-
 def _button(command: str, text: str, kind: str = "") -> str:
     return f"<button data-do='{command}' class='{kind}'>{escape(text)}</button>"
 
@@ -252,13 +204,51 @@ class LessonsTab:
 
     @property
     def caption(self) -> str:
-        """The caption of the lesson on the canvas, as HTML; "" without a lesson."""
-        progress, title, following = self.progress, self._next_lesson, ""
-        if progress.answered and not self._awaited:
-            following = NEXT_STEP if progress.moved(1) is not None else title and NEXT_LESSON.format(title)
-        waits = "" if self._before is None else WAITS
+        """The HTML of the present step, with its answers as buttons or, after a choice, the right one.
+
+        It is "" without a lesson. While the step waits, the question or the explanation is left out.
+        """
+        progress, awaited = self.progress, self._awaited
+        lesson, step, number, choice = progress.lesson, progress.step, progress.number, progress.choice
+        if lesson is None or step is None:
+            return ""
+        last, answered, following = len(lesson.steps) - 1, choice >= 0, ""
+        if progress.answered and not awaited:
+            following = NEXT_STEP if number < last else self._next_lesson and NEXT_LESSON.format(self._next_lesson)
         panel = "" if self._pending is not None else self._panel
-        return caption_html(progress, self._awaited, waits, self._error, following, panel)
+        parts = [f"<div class='dim'>{escape(lesson.title)}, step {number + 1} of {last + 1}</div>"]
+        if number == 0 and not answered and self._before is not None:
+            parts.append(f"<div class='dim'>{escape(WAITS)}</div>")
+        if not answered:
+            parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
+        if step.question and (answered or not awaited):
+            parts.append(f"<b>{escape(step.question)}</b>")
+        if awaited and answered:
+            parts.append(f"<div>Your answer: <b>{escape(step.choices[choice])}</b></div>")
+        if awaited:
+            words = awaited + (
+                ". The explanation follows when it has ended." if answered and awaited == RUNS else "&nbsp;..."
+            )
+            parts.append(f"<div class='awaited'>{words}</div>{panel}")
+        elif step.question:
+            right = step.answer - 1
+            for i in sorted({choice, right} if answered else ()):  # the other answers are left out
+                parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
+            if answered:
+                parts.append(f"<b>{'Right.' if choice == right else 'Not quite.'}</b>")
+                parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
+            parts.append(panel)
+        if not awaited and not answered and step.choices:
+            buttons = "".join(_button(f"answer={i}", text) for i, text in enumerate(step.choices))
+            parts.append(f"<div class='choices'>{buttons}</div>")
+        steps = _button("follow", following, "first") if following else ""
+        steps += _button("hurry", HURRY) if awaited == RUNS else ""
+        steps += _button("back", "Back") if number else ""
+        steps += _button("restore", "Restore settings") + (
+            _button("next", "Next") if number < last and not following else ""
+        )
+        steps += _button("end", "End lesson")
+        return f"{''.join(parts)}{complaint(self._error)}<div class='steps' id='fdcal-steps'>{steps}</div>"
 
     def list_html(self) -> str:
         """Return the lessons as buttons."""
