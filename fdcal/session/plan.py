@@ -36,7 +36,7 @@ from ..model.gauge import fixes_gauge
 from ..model.measurement import checked_known
 from ..model.quantities import Metres, MetresPerSecond, Seconds, Seed
 from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
-from ..model.validation import LIMITS, InputError, check, evenly_spaced, frozen_array, length_text, refusal, within
+from ..model.validation import InputError, check, evenly_spaced, frozen_array, length_text, refusal, within
 from ..recordings.formats.positions import READERS, read_positions
 from ..recordings.frequencies import default_max_rows
 from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT
@@ -143,7 +143,7 @@ class PlanRequest:
     # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
     room: tuple[Metres, ...] | None = None
     reverberation_time: Seconds = 0.5
-    snr_db: Annotated[float, within(LIMITS.smallest, PLAN_LIMITS.max_snr_db, "dB")] = 30.0  # of each frequency
+    snr_db: Annotated[float, within(0.1, PLAN_LIMITS.max_snr_db, "dB")] = 30.0  # of each frequency
     # (2,) tuple of float, Hz; the default is 20 Hz to 0.7 times what the array can interpolate (Eq. 9). No frequency
     # above what the array can interpolate is used
     band: tuple[float, float] | None = None
