@@ -49,7 +49,7 @@ def begin(
 
 def after_search(problem: Problem, state: State) -> State:
     """Return the first restart after the search for starts."""
-    return next_restart(problem, replace(state, starts=search.likely(state)))
+    return next_restart(problem, replace(state, starts=search.likely(problem, state)))
 
 
 def next_restart(problem: Problem, state: State) -> State:

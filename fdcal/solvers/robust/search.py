@@ -14,7 +14,7 @@ from ...model.gauge import align
 from ...model.problem import Problem
 from ...model.validation import InputError
 from .. import starts
-from . import noise
+from . import noise, windows
 from . import objective as objectives
 from .channels import relocated
 from .stages import begin_restart, begin_stage, in_frame, moved_once
@@ -57,17 +57,28 @@ def step(problem: Problem, state: State) -> State:
 
 
 def is_complete(problem: Problem, state: State) -> bool:
-    """Return whether enough starts end at the likeliest array, or no other start is left."""
+    """Return whether enough starts end at the likeliest array, or no other start is worth its time."""
     found: tuple[FittedStart, ...] = state.starts or ()
-    enough = bool(found) and found[0].hits >= (2 if len(found) == 1 else AGREEING)
-    return enough or state.progress.steps >= len(starts.plan(problem, state.last))
+    if found and found[0].hits >= (2 if len(found) == 1 else AGREEING):
+        return True
+    plan = starts.plan(problem, state.last)
+    if _windows_suffice(problem, found):
+        plan = [one for one in plan if one.kind != "random"]
+    return state.progress.steps >= len(plan)
 
 
-def likely(state: State) -> tuple[FittedStart, ...]:
+def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
     """Return the arrays that are worth another fit, the likeliest first."""
     found = state.starts or ()
     limit = min((one.cost for one in found), default=0.0) + WORSE
-    return tuple(one for one in found if one.cost < limit)[:MAX_RESTARTS]
+    count = 1 if _windows_suffice(problem, found) else MAX_RESTARTS
+    return tuple(one for one in found if one.cost < limit)[:count]
+
+
+def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
+    """Return whether the short windows determine the array by themselves: a small one without given positions."""
+    blind = len(found) > 0 and not len(problem.known)
+    return blind and windows.usable(problem, found[0].positions, found[0].healthy)
 
 
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
