@@ -7,19 +7,20 @@ SEARCH = """
 import sys
 from pathlib import Path
 from numba.core.registry import CPUDispatcher
+from fdcal.acoustics import fdtd_kernels
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import basins, lattice
 from fdcal.model.scene import load_scene
 from fdcal.solvers import load
-from fdcal.solvers import MINIMA, SEARCH
+from fdcal.commands.cli import all_pieces
 
-values = [value for module in (lattice, basins) for value in vars(module).values()]
+values = [value for module in (lattice, basins, fdtd_kernels) for value in vars(module).values()]
 kernels = {value.py_func: value for value in values if isinstance(value, CPUDispatcher)}
 
 def signatures():
     return {function: list(kernel.signatures) for function, kernel in kernels.items()}
 
-for _, compile_piece in (SEARCH, MINIMA):
+for _, compile_piece in all_pieces():
     compile_piece()
 before, scene = signatures(), load_scene("tiny")
 problem, descent = cached_measurement(scene).problem(), load("descent")
@@ -31,7 +32,7 @@ after = signatures()
 called = {kernel.__name__ for kernel in before if before[kernel]}
 stored = [any(Path(kernels[one].stats.cache_path).glob(f"*.{one.__name__}-*.nbi")) for one in before if before[one]]
 new = [(kernel.__name__, one) for kernel in after for one in after[kernel] if one not in before[kernel]]
-print({"pruned_search", "_basins"} <= called, all(stored), new)
+print({"pruned_search", "_basins", "sweep"} <= called, all(stored), new)
 """
 
 

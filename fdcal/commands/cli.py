@@ -11,8 +11,10 @@ imported by the command that needs them.
 import contextlib
 import os
 import sys
+import time
 import traceback
 import webbrowser
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import entry_points
 from typing import Any
@@ -303,6 +305,37 @@ def scenes():
     """List the scenes that come with fdcal."""
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
+
+
+@commands.command()
+def warm():
+    """Compile beforehand what the first runs would wait for.
+
+    Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
+    """
+    pieces = all_pieces()
+    for number, (name, compile_piece) in enumerate(pieces, 1):
+        start = time.perf_counter()
+        print(f"{number} of {len(pieces)}: {name} ...", end="", file=sys.stderr, flush=True)
+        compile_piece()
+        print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
+
+
+def all_pieces() -> list[tuple[str, Callable[[], object]]]:
+    """Return descriptions of what is compiled, and the functions that compile it."""
+    from ..solvers import MINIMA, SEARCH
+
+    def simulate_rooms() -> None:  # one with few rows, and one with enough for several threads
+        import numpy as np
+
+        from ..acoustics import fdtd
+        from ..model.scene import Room, Source
+
+        source = Source(position=(0.1, 0.1), low=1000.0, high=3000.0, sample_rate=13000.0, duration=0.02)
+        for height in (0.4, 4.0):
+            fdtd.simulate(Room(size=(0.4, height), walls="rigid", cell=0.04), source, np.array([[0.3, 0.3]]))
+
+    return [("simulation of a room", simulate_rooms), SEARCH, MINIMA]
 
 
 for command in (*file_commands.COMMANDS, *plot_commands.COMMANDS):
