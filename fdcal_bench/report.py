@@ -19,7 +19,7 @@ import pandas
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from fdcal.graphics.figures import figure_bytes, html_table
+from fdcal.graphics.figures import figure_bytes
 from fdcal.model.storage import parse_toml, read_bytes, write_atomically
 from fdcal.model.validation import InputError, StorageError
 
@@ -312,8 +312,12 @@ def _page(head: Head, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
     for words, (heads, lines) in (
         ("Every point", _points(rows, axes)), ("Good and wrong", _wrong(rows, axes))
     ):  # fmt: skip
-        shown = html_table(list(map(escape, heads)), lines[:MAX_LINES], max(0, len(lines) - MAX_LINES))
-        tables += f"<h2>{words}</h2>{shown if lines else '<p>None.</p>'}"
+        head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+        body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in lines[:MAX_LINES])
+        if len(lines) > MAX_LINES:
+            body += f'<tr><td colspan="{len(heads)}">and {len(lines) - MAX_LINES} more</td></tr>'
+        shown = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if lines else "<p>None.</p>"
+        tables += f"<h2>{words}</h2>{shown}"
     title = escape(str(head.title))
     top = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
     body = f"<h1>{title}</h1><p>{summary}</p><ul>{about}</ul>{pictures}{tables}"

@@ -69,7 +69,7 @@ def is_complete(problem: Problem, state: State) -> bool:
 
 def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
     """Return the arrays that are worth another fit, the likeliest first."""
-    found = state.starts or ()
+    found: tuple[FittedStart, ...] = state.starts or ()
     limit = min((one.cost for one in found), default=0.0) + WORSE
     count = 1 if _windows_suffice(problem, found) else MAX_RESTARTS
     return tuple(one for one in found if one.cost < limit)[:count]
@@ -77,8 +77,9 @@ def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
 
 def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
     """Return whether the short windows determine the array by themselves: a small one without given positions."""
-    blind = len(found) > 0 and not len(problem.known)
-    return blind and windows.usable(problem, found[0].positions, found[0].healthy)
+    if not found or len(problem.known):
+        return False
+    return windows.usable(problem, found[0].positions, found[0].healthy)
 
 
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
