@@ -312,11 +312,11 @@ def _page(head: Head, rows: pandas.DataFrame, axes: dict[str, list], at: dict[st
     for words, (heads, lines) in (
         ("Every point", _points(rows, axes)), ("Good and wrong", _wrong(rows, axes))
     ):  # fmt: skip
-        head = "".join(f"<th>{escape(text)}</th>" for text in heads)
+        names = "".join(f"<th>{escape(text)}</th>" for text in heads)
         body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in lines[:MAX_LINES])
         if len(lines) > MAX_LINES:
             body += f'<tr><td colspan="{len(heads)}">and {len(lines) - MAX_LINES} more</td></tr>'
-        shown = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if lines else "<p>None.</p>"
+        shown = f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>" if lines else "<p>None.</p>"
         tables += f"<h2>{words}</h2>{shown}"
     title = escape(str(head.title))
     top = f'<meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
