@@ -25,7 +25,7 @@ from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.validation import length_text
-from ..solvers.interface import Estimate, RoomEstimate, TriedOptimum
+from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import OF_LIST, ChannelFault
 from .channels import MAX_NOISE, healthy_channels
 from .uncertainty import one_sigma, root_mean_square
@@ -196,24 +196,15 @@ class Judged:
             return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
         return self.scale, self.scale_sigma
 
-    def _apart(self) -> list[tuple[float, TriedOptimum]]:
-        """RMS distance of each other optimum from the likeliest one, metres, or 0 where both count as the same."""
-        tried, same, healthy, far = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy, []
+    def rival(self) -> float:
+        """Return the RMS distance of another optimum that is as likely, metres; 0 if there is none."""
+        tried, same, healthy = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy
         for one in tried[1:]:
             apart = align(one.positions, tried[0].positions, healthy) - tried[0].positions
             away = root_mean_square(np.linalg.norm(apart[healthy], axis=1))
-            far.append((away if away > same else 0.0, one))
-        return far
-
-    def rival(self) -> float:
-        """Return the distance of another optimum that is as likely, metres; 0 if there is none."""
-        limit = self.estimate.tried[0].score + RIVAL_COST if self.estimate.tried else 0.0
-        return next((away for away, one in self._apart() if away and one.score < limit), 0.0)
-
-    def starts_disagree(self) -> int:
-        """Return the number of starts if each of them ended at a different array; 0 if two agree or they are few."""
-        starts = len(self.estimate.tried)
-        return starts if starts > 2 and all(away for away, _ in self._apart()) else 0
+            if away > same and one.score < tried[0].score + RIVAL_COST:
+                return away
+        return 0.0
 
 
 # Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
@@ -393,10 +384,6 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             reason="another array explains the pressures as well"),
-    Finding("ambiguous", lambda seen, _: seen.by_rows and seen.starts_disagree() > 0,
-            lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
-            reason="each start of the search ended at another array"),
     Finding("ambiguous", _other_minimum, _other_minimum_words,
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             2.3, "noise of a channel over that of the median one"),
