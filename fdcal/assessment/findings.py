@@ -380,6 +380,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
             lambda seen: f"give {_least_certain(seen)}, or one <distance> with <estimate_sound_speed>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
+    Finding("ambiguous", lambda seen, limit: seen.estimate.given.mirror_advantage < limit,
+            lambda seen: f"the mirror image of the array fits the given positions as well: these lie nearly"
+                         f" {'on a line' if seen.estimate.positions.shape[1] == 2 else 'in a plane'}",
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
+            3.0, "nats by which the array is likelier than its mirror image: a probability of 0.05 for the latter"),
     Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",

@@ -112,6 +112,8 @@ class GivenEstimate:
     # maps a choice of given positions (A,) bool to the probability of a disagreement with the pressures as large by
     # chance
     probability: Callable[[np.ndarray], float]
+    # nats by which the array is likelier than its mirror image because of these positions; infinite where none is given
+    mirror_advantage: float = np.inf
     contradicted: GivenHypothesis | None = None  # None where they agree with the pressures, or nothing can be said
 
 

@@ -8,7 +8,7 @@ from fields import disc, measured
 from solving import rms, rms_of_shape, solved
 
 from fdcal.model.validation import frozen_array
-from fdcal.solvers.robust.given import FreeArray, hypotheses, resolved
+from fdcal.solvers.robust.given import FreeArray, free_array, hypotheses, mirror_advantage, resolved
 from fdcal.solvers.robust.objective import Unknowns, in_unit_power
 
 COUNT, MODES, KNOWN = 24, 40, np.array([0, 5, 9, 14, 18, 23])
@@ -168,3 +168,24 @@ def test_the_mirror_image_of_an_array_is_turned_back_into_the_frame_of_the_given
     mirrored = frozen_array(end.state.positions * [-1.0, 1.0] + [2 * sound.known_positions[:, 0].mean(), 0.0], float)
     state = resolved(in_unit_power(end.problem), replace(end.state, positions=mirrored))
     assert rms(mirrored, sound.positions) > 0.1 and rms(state.positions, sound.positions) < 0.01
+
+
+def test_given_positions_on_a_line_do_not_tell_an_array_from_its_mirror_image_and_the_verdict_says_so(sound):
+    """Their distance from the line must be seen against the accuracy of the array, which is worse at 20 dB."""
+    x, along = array(), np.linspace(-0.06, 0.06, 4)[:, None] * [0.6, 0.8]
+    verdicts = {}
+    for across in (0.0005, 0.05):
+        x[:4] = [2.6, 2.3] + along + across * np.array([1, -1, -1, 1])[:, None] * [-0.8, 0.6]
+        end = solved(measured(x, np.arange(4), snr_db=20.0, modes=MODES))
+        verdicts[across] = end.assessment
+        assert (end.estimate.given.mirror_advantage < 3) == (across < 0.01)
+    assert verdicts[0.0005].verdict == "ambiguous" and "mirror image" in verdicts[0.0005].message
+    assert "mirror image" not in verdicts[0.05].message
+
+
+def test_the_advantage_over_the_mirror_image_changes_its_sign_with_the_image(sound):
+    end = solved(sound)
+    problem, state = in_unit_power(end.problem), end.state
+    mirrored = replace(state, positions=frozen_array(state.positions * [-1.0, 1.0] + [5.2, 0.0], float))
+    one, other = (mirror_advantage(problem, s, free_array(problem, s, 0)) for s in (state, mirrored))
+    assert one > 10 and other == pytest.approx(-one, rel=0.05)

@@ -47,7 +47,8 @@ def resolved(problem: Problem, state: State) -> State:
     if exact or len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return state
     try:
-        if _agree(problem, state, free_array(problem, state, 0)):
+        near = free_array(problem, state, 0)
+        if _agree(problem, state, near) and mirror_advantage(problem, state, near) >= 0:
             return state
         found = free_array(problem, state, FREE_STEPS)
     except np.linalg.LinAlgError:
@@ -240,11 +241,39 @@ SIGMA_SPREAD = 0.6
 MAX_SIGMA = 0.04
 
 
+def mirror_advantage(problem: Problem, state: State, found: FreeArray) -> float:
+    """Return by how many nats the array `found` is likelier than its mirror image, given the positions in use.
+
+    It is small where these lie nearly on a line, in space nearly in a plane, for their accuracy and that of the array.
+    It is infinite where too few are given to compare the two.
+    """
+    known, places = objectives.constrained_positions(problem, state)
+    if len(known) <= problem.array_dimension or objectives.given_carry_scale(problem):
+        return np.inf
+    stated = EXACT_SIGMA if state.model.known_sigma == 0 else state.settings.known_sigma
+    every = np.arange(len(known), dtype=np.int64)
+    (as_found, *_), (mirrored, *_) = _images(found, known, places, np.ones(len(known), bool), every, stated)
+    return as_found - mirrored
+
+
 def _weighed(
     found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, stated: float | None
 ) -> Hypothesis:
     """Return one hypothesis, with the likelier of the two mirror images of the array."""
-    x, (A, D) = found.unknowns.positions, places.shape
+    images = _images(found, known, places, right, order, stated)
+    evidence, sigma, positions = max(images, key=lambda one: one[0])
+    A, wrong = len(places), np.sum(~right)
+    evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
+    if np.any(order != np.arange(A)):
+        evidence += np.log(WRONG / (A * (A - 1) / 2))
+    return Hypothesis(float(evidence), right, order, sigma, positions)
+
+
+def _images(
+    found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, stated: float | None
+) -> list[tuple[float, float, np.ndarray]]:
+    """Return log evidence, sigma of a given coordinate and positions of the array as it is, and of its mirror image."""
+    x, D = found.unknowns.positions, places.shape[1]
     ordered, constrained = places[order], known[right]
     index = (constrained[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
@@ -274,9 +303,5 @@ def _weighed(
         sphere = 2 * np.pi if D == 2 else 4 * np.pi
         evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
         images.append((float(evidence), sigma, (moved - centre) @ turn + target))
-    evidence, sigma, positions = max(images, key=lambda one: one[0])
-    wrong = np.sum(~right)
-    evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
-    if np.any(order != np.arange(A)):
-        evidence += np.log(WRONG / (A * (A - 1) / 2))
-    return Hypothesis(float(evidence), right, order, sigma, positions)
+    turned_only = np.linalg.det(rigid_motion(x[constrained], ordered[right])[0]) > 0
+    return images if turned_only else images[::-1]

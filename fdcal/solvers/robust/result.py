@@ -107,14 +107,19 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
 
     stated = state.settings.known_sigma
     expected = GIVEN_SIGMA if stated is None else stated
-    stiffness = every.of_known(state.positions)[2]
+    stiffness, terms = every.of_known(state.positions)[2], (at_objective, claim.weakened.terms)
+    try:
+        mirror_advantage = given.mirror_advantage(problem, state, given.free_array(problem, state, 0, terms))
+    except np.linalg.LinAlgError:
+        mirror_advantage = np.inf
     return GivenEstimate(
         state.model.known_sigma,
         expected,
         stiffness,
         objectives.given_carry_scale(problem) and state.model.window_positions is None,
         probability,
-        given.contradicted(problem, state, (at_objective, claim.weakened.terms)),
+        mirror_advantage,
+        given.contradicted(problem, state, terms),
     )
 
 
