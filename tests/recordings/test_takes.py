@@ -208,6 +208,15 @@ def test_a_copy_of_a_take_is_no_take(tmp_path):
     assert import_recording([one, moved], ImportOptions(files="takes", max_rows=40, **GIVEN))[0].take_count == 2
 
 
+@pytest.mark.parametrize("key", ["names", "sound_speed"])
+def test_takes_of_other_microphones_or_of_other_options_are_refused(key):
+    """Exchanged names would put the pressures of one microphone to another."""
+    one, other = (fdcal.Measurement.from_arrays([100, 150, 210], np.eye(3, 4) + a) for a in (1j, 2j))
+    changed = {"names": other.names[::-1], "sound_speed": 350.0}[key]
+    refuses(f"measurement 2 and the first one differ in {key}", fdcal.Measurement.from_takes,
+            [one, dataclasses.replace(other, **{key: changed})])  # fmt: skip
+
+
 def test_copies_of_measurements_are_no_takes(tmp_path):
     one = fdcal.load("tiny")
     copy = dataclasses.replace(one, pressures=one.pressures * np.exp(1j * np.arange(len(one.frequencies)))[:, None])
