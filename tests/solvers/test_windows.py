@@ -19,7 +19,7 @@ from fdcal.solvers.robust.arrivals import arrivals_of
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import with_windows
 from fdcal.solvers.robust.state import FINAL
-from fdcal.solvers.robust.windows import WindowTerm, is_flat, usable
+from fdcal.solvers.robust.windows import WindowTerm, is_flat, precision_of, usable
 
 RATE, SOUND = 8000, 343.2
 
@@ -37,6 +37,19 @@ def term() -> WindowTerm:
     fixed = np.eye(18) - motions @ motions.T
     root = rng.standard_normal((18, 18))
     return WindowTerm(x, 1e4 * fixed @ root @ root.T @ fixed)
+
+
+def test_rounding_errors_of_rigid_motions_are_no_precision(term):
+    """They made one of eight arrays fail: a pseudo-inverse took them for variances of either sign."""
+    rng = np.random.default_rng(4)
+    motions = np.linalg.qr(rigid_motions(term.positions))[0]
+    fixed = np.eye(18) - motions @ motions.T
+    covariance = fixed @ np.diag(np.geomspace(1e-8, 1e-4, 18)) @ fixed
+    rounding = motions @ rng.standard_normal((6, 6)) @ motions.T
+    precision = precision_of(covariance + 1e-12 * (rounding + rounding.T), term.positions)
+    values = np.linalg.eigvalsh(precision)
+    assert values[0] > -1e-6 * values[-1] and np.abs(precision @ motions).max() < 1e-3 * values[-1]
+    assert np.allclose(covariance @ precision @ covariance, covariance, atol=1e-10)
 
 
 def turned(x: np.ndarray, mirror: int = 1) -> np.ndarray:

@@ -116,21 +116,31 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
     starts = [(positions[counted], STAGES[1:])]
     if (coherent := _coherent(likelihood, D)) is not None:
         starts = [(coherent, STAGES), *starts]
+    x = np.array(positions)
     try:
         field, axes, covariance = fitted(likelihood, starts)
+        found = field.positions[:, axes]
+        x[counted] = align(found, positions[counted])
+        whole = np.kron(np.eye(len(found)), _turn(found, x[counted]))
+        precision = precision_of(whole.T @ covariance @ whole, x[counted])
     except np.linalg.LinAlgError:
-        return None
-    x = np.array(positions)
-    found = field.positions[:, axes]
-    x[counted] = align(found, positions[counted])
-    whole = np.kron(np.eye(len(found)), _turn(found, x[counted]))
-    precision = np.linalg.pinv(whole.T @ covariance @ whole, rcond=1e-9, hermitian=True)
-    if not np.any(np.diag(precision) > 0):
         return None
     index = np.arange(N * D).reshape(N, D)[counted].ravel()
     embedded = np.zeros((N * D, N * D))
     embedded[np.ix_(index, index)] = precision
     return WindowTerm(x, embedded)
+
+
+def precision_of(covariance: Reals, positions: Reals) -> np.ndarray:
+    """Return the inverse (N D, N D), 1/m^2, of a covariance without rigid motions; these have no precision.
+
+    A pseudo-inverse would take the rounding errors of the motions for a very small variance. LinAlgError if the
+    covariance is singular otherwise.
+    """
+    motions = np.linalg.qr(rigid_motions(positions))[0]
+    moved, variance = motions @ motions.T, float(np.trace(covariance)) / len(covariance)
+    np.linalg.cholesky(covariance + variance * moved)
+    return np.linalg.inv(covariance + variance * moved) - moved / variance
 
 
 def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> ShortLikelihood:
