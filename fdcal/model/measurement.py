@@ -753,8 +753,12 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
     if len(given) == len(names) + excluded and len(numbers) == len(names) and max(numbers) < len(given):
         return numbers
-    problem = f"{len(given)} positions are given for {len(names)} microphones, and their names differ"
+    problem = f"{len(given)} positions are given for {len(names)} microphones"
     remedy = "give <positions> of all microphones, in the order of the channels or with their names"
+    if set(given) <= set(names):
+        remedy += "; if these are known, give the list as <known>"
+    else:
+        problem += ", and their names differ"
     raise InputError(problem, remedy, key="positions")
 
 

@@ -270,6 +270,13 @@ def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_ro
     assert lines == ([f"list    {said}"] if said else []) and ended == 0
 
 
+def test_a_list_of_some_microphones_is_for_known(tmp_path, capsys):
+    some = write_places(tmp_path / "some.csv", fdcal.load("tiny").positions[:4], ["0", "1", "2", "3"])
+    assert exit_code("calibrate", "tiny", "--check", "--positions", some) == 2
+    error = capsys.readouterr().err
+    assert "4 positions are given for 16 microphones;" in error and "give the list as --known" in error
+
+
 def test_a_list_without_check_points_to_it(exchanged, capsys):
     exit_code("calibrate", "tiny", "--modes", "12", "--positions", exchanged)
     assert "add --check" in capsys.readouterr().out
