@@ -1,6 +1,7 @@
 """`python -m fdcal ...` and the command `fdcal`.
 
-Loading the libraries takes a moment; an interrupt in it ends the process with one line, like any other interrupt.
+Loading the libraries takes a moment; an interrupt during that time ends the process with one line, like any other
+interrupt.
 """
 
 import io
@@ -9,8 +10,8 @@ import signal
 import sys
 from types import FrameType
 
-# bytes of address space; a small calibration takes half of it, the compiler the rest. With 150 MB the libraries hang
-# while they load: a calibration of `tiny` was still there after 120 s.
+# bytes of address space. A small calibration needs half of it, the compiler the rest. With 150 MB the libraries hang
+# while they load: a calibration of `tiny` had not ended after 120 s.
 MIN_ADDRESS_SPACE = 1500 * 2**20
 
 

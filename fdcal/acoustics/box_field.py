@@ -2,8 +2,9 @@
 
 The field in the room, with rigid, pressure-release or locally reacting walls, is a sum over its eigenfunctions along
 two axes; along the third each term is a wave between two walls in closed form, which decays exponentially with the
-distance from the source. So the sum converges exponentially, to rounding, away from the source (in a rectangle of two
-dimensions, the source a line across it, along one axis and along the other):
+distance from the source. So the sum converges exponentially, to rounding errors, away from the source. In a rectangle
+of two dimensions the source is a line perpendicular to it, the sum is along one axis, and the closed form along the
+other:
 
     p(x) = sum_t  psi_t(x) psi_t(x_s) g_t(z, z_s),        gamma_t = sqrt(kappa_t^2 - k^2)
     g_t  = exp(-gamma |z - z_s|) (1 + R exp(-2 gamma z_<)) (1 + R exp(-2 gamma (l - z_>))) / N

@@ -5,8 +5,8 @@ The mean of the pressures over an array loses power as the array grows beyond a 
     E |mean_n p_n|^2 / mean_n |p_n|^2 = h(k R),   h(z) = (2 J_1(z) / z)^2 in a plane, (3 j_1(z) / z)^2 in space
 
 for microphones spread evenly over a disc or a ball of radius R. Each frequency is one draw of this ratio, about
-exponentially distributed, so that the radius is the one of the highest likelihood over all frequencies. It is good to
-a factor of about 1.5; gains scale each channel and are divided out.
+exponentially distributed, so that the radius is the one of the highest likelihood over all frequencies. The radius is
+accurate to a factor of about 1.5. Gains scale each channel and are divided out.
 
 A single wave, without any reflection, has the same power at every microphone, except for factors of the channels' gains
 and of a near source, which are the same at every frequency. In a room the power varies from point to point. With q_mn

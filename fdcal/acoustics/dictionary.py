@@ -16,10 +16,10 @@ Microphones in a plane measure a field of three dimensions, too. On the plane th
 l + m odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions with two coordinates are
 taken to lie in that plane.
 
-After the dictionary: W of every candidate of a search lattice, and the functions that NumPy and SciPy compute slowly.
+The module also computes W of every candidate of a search lattice, and some functions faster than NumPy and SciPy do.
 The recurrences of the Bessel functions run downward, from orders beyond the argument where the functions are negligible
-(Miller): upward they lose all digits. Tangent and exponential take the place of sine and cosine: of them NumPy computes
-many values at once, up to 15 times as fast.
+(Miller); an upward recurrence loses all digits. Sine and cosine are computed from the tangent or the exponential,
+because NumPy computes these for many values at once, up to 15 times as fast.
 """
 
 import functools
@@ -31,7 +31,7 @@ from scipy.special import jv, sph_harm_y_all, spherical_jn
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
 
-NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place
+NO_EXTENT = 1e-9  # metres: in an array of this radius all microphones are at one position
 
 
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
@@ -50,7 +50,7 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
     that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for a plane in space.
 
     `count`: N; `radius`: R, metres; `sound_speed`: c, m/s. Infinite for a radius below 1 nm, as of microphones that all
-    start in one place. Returns Hz.
+    start at one position. Returns Hz.
     """
     if radius < NO_EXTENT:
         return float("inf")

@@ -228,7 +228,7 @@ def energy(grid: Grid, p_old: np.ndarray, p: np.ndarray) -> float:
 
 
 def _run(grid: Grid, state: np.ndarray, steps: int, source, receivers, progress: Progress | None) -> None:
-    """Advance `state` (2, ny + 2, width), [0] the newest, in chunks, so that Ctrl-C and `progress` are served."""
+    """Advance `state` (2, ny + 2, width), [0] the newest, in chunks, to respond to Ctrl-C and call `progress`."""
     from .fdtd_kernels import march  # loads the compiler, which reading a scene does not need
 
     tables = stencil_tables(grid, source, receivers)

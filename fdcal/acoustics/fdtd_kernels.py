@@ -27,8 +27,9 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
           recordings):  # fmt: skip
     """Advance the rows low + low_slope t to high + high_slope t (without the last) at t = 0 ... steps - 1.
 
-    The other arguments are those of `StencilTables`. One function, since passing arrays to another one changes their
-    reference counts at every row, which takes as long as the row. Unsigned indices need no test for negative ones.
+    The other arguments are those of `StencilTables`. This is one function, because passing arrays to another one
+    changes their reference counts at every row, which takes as long as the computation of the row. Unsigned indices
+    need no test for negative ones.
     """
     half, wide, one, centre = state.size // 2, np.uint64(width), np.uint64(1), 2 - 4 * lam2
     for group in range(0, steps, DEPTH):

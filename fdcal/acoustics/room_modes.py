@@ -16,7 +16,7 @@ C is the covariance of p. The diffuse model does not depend on the source positi
 independent random amplitudes. A search starts with it; its walls are rigid. The point-source model is exact, also for
 absorbing walls, as far as beta describes them.
 
-How many modes there are below f, and how many frequencies of a room carry independent information:
+The number N of modes below f, and the number n of frequencies in 1 Hz that carry independent information:
 
     N(f)  = 4 pi/3 V (f/c)^3 + pi/4 S (f/c)^2 + L/8 f/c    in a box (Kuttruff, Room Acoustics, ch. 3)
     N(f)  = pi A (f/c)^2 + P/2 f/c                         in a rectangle of two dimensions
@@ -97,7 +97,7 @@ def room_symmetries(size: Sequence[float]) -> list[RoomSymmetry]:
 
 
 def nearest_symmetry(points: Reals, to: Reals, size: Sequence[float]) -> RoomSymmetry:
-    """Return the symmetry of a room that brings points (N, D), metres, nearest `to` others (least squares)."""
+    """Return the symmetry of a room that brings points (N, D), metres, closest to those in `to` (least squares)."""
     return min(room_symmetries(size), key=lambda image: float(np.sum((image.apply(points) - to) ** 2)))
 
 

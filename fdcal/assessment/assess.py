@@ -131,7 +131,7 @@ def judged(
 
 
 def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:
-    """Return the probability of the disagreement with the right given positions, and sigma of the loosest, metres."""
+    """Return the probability of the disagreement with the right given positions, and their largest sigma, metres."""
     problem, given = estimate.problem, estimate.given
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
@@ -141,7 +141,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
         springs = zip(problem.known[kept], given.stiffness[kept], strict=True)
         others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - spring * np.eye(D)) for n, spring in springs]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
-    if given.carry_scale:  # the size that an isotropic field shows is no evidence against given positions
+    if given.carry_scale:  # then the size follows from the assumption of an isotropic field
         return 1.0, loosest
     return given.probability(kept), loosest
 
@@ -150,7 +150,7 @@ def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scal
     """Return the probability that `unused` positions and the array found differ as much by chance, see the module."""
     numbers, D = np.array([*unused], int), estimate.problem.array_dimension
     freedom = len(numbers) * D - D * (D + 1) // 2
-    if freedom <= 0 or estimate.given.carry_scale:  # a size that the pressures hardly show contradicts no list
+    if freedom <= 0 or estimate.given.carry_scale:  # then the pressures hardly determine the size
         return 1.0
     there = scale * estimate.positions[numbers]
     placed = align(np.array([*unused.values()]), there)

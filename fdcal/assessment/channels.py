@@ -34,7 +34,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     faulty, channels = {}, estimate.channels
     tau, gains, terms = np.array(channels.noise), channels.gains, estimate.field.terms
     contradicted = estimate.given.contradicted
-    if contradicted is not None and estimate.given.sigma == 0:  # at a wrong exact position the error appears as noise
+    if contradicted is not None and estimate.given.sigma == 0:  # the error of a wrong exact position appears as noise
         tau[estimate.problem.known] = contradicted.noise
     k = np.abs(estimate.problem.wavenumbers[estimate.modes])
     squares = np.trace(covariance, axis1=1, axis2=2)  # of one sigma, metres
@@ -61,7 +61,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
             faulty[n] = ChannelFault(name, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
         elif far[n, 1]:
             faulty[n] = ChannelFault(name, "gain", float(np.degrees(gains[n, 1])), "degrees")
-    if estimate.converged:  # an array that was not found contradicts no given position
+    if estimate.converged:  # otherwise the positions are no evidence against given ones
         faulty.update(_misplaced(estimate, covariance, names))
     return {n: faulty[n] for n in sorted(faulty)}
 

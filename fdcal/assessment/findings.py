@@ -165,8 +165,9 @@ class Judged:
         """Which of the healthy or noisy channels have far more residual than the median one : bool.
 
         Channels of one kind have the same noise, before or behind their gains, but a source inside the array leaves
-        unequal residuals. Up to UNEVEN_FRACTION of the power may be leakage of the spectrum. Noisy channels count,
-        because a source can make them so; but if only noisy channels are uneven, these are single faults.
+        unequal residuals. Up to UNEVEN_FRACTION of the power may be leakage of the spectrum. Channels with the fault
+        "noisy" count as well, because a source can cause their noise. If no other channel is uneven, however, these are
+        faults of single channels, and no channel counts as uneven.
         """
         channels, counted = self.estimate.channels, self.healthy
         noisy = [n for n, one in self.faulty.items() if one.kind == "noisy"]

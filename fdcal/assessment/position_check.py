@@ -46,7 +46,7 @@ def tolerance_of(points: np.ndarray) -> float:
 
 MAX_REFINED = 40  # number of motions, of each base, that are refined, at most
 USUAL_COUNT = 64  # number of points from which fewer motions are refined
-ENOUGH = 0.9  # fraction of the points that must lie close to another for no further base to be tried
+ENOUGH = 0.9  # no further base is tried once this fraction of the points lies close to another point
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
@@ -63,7 +63,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
         centred, targets = points - points[base].mean(axis=0), others[groups]
         middles = targets.mean(axis=1, keepdims=True)
         U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
-        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points do not tell the array from its mirror image
+        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points fit the array and its mirror image
         motions = np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
@@ -288,7 +288,7 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
-        near = 1 / MAX_SCALE < scale < MAX_SCALE  # a ratio near 1 means nothing if the list does not fit
+        near = 1 / MAX_SCALE < scale < MAX_SCALE  # if the list does not fit, a ratio near 1 is a coincidence
         return check if near else replace(check, scale=scale)
     close = scaled.distances <= 2 * np.median(scaled.distances)
     radii = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]

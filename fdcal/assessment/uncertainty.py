@@ -37,9 +37,9 @@ C depends on distances only, so that F holds no information on rigid motions and
 
     P = (B^T (F + prior) B)^-1      B a basis of the directions that information or prior determine
 
-The prior holds what is known beside the pressures: given positions and their uncertainty, the spread of the gains, and
-the uncertainty of the sound speed. Without given positions B excludes the rigid motions, and the bound is that of the
-array after the best rigid alignment.
+The prior holds what is known beside the pressures: given positions and their uncertainty, the standard deviation of the
+gains, and the uncertainty of the sound speed. Without given positions B excludes the rigid motions, and the bound is
+that of the array after the best rigid alignment.
 
 P. Stoica, R. Moses, "Spectral Analysis of Signals", 2005: the Slepian-Bangs formula.
 """
@@ -85,7 +85,7 @@ class Prior:
     # (A,) int, microphones whose positions are given
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
-    gain_sigma: float = 0.0  # nepers, spread of the channels' gains; 0 for equal channels
+    gain_sigma: float = 0.0  # nepers, standard deviation of the channels' gains; 0 for equal channels
     sound_speed_sigma: float = 0.0  # relative
 
 
@@ -102,7 +102,7 @@ class Bound:
 
     @property
     def sigma(self) -> np.ndarray:
-        """One sigma of the distance of each microphone from its place : (N,) float64, metres."""
+        """One sigma of each position, the root of the trace of its covariance : (N,) float64, metres."""
         return one_sigma(self.covariance)
 
     @property
@@ -153,7 +153,7 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     given = (D * np.asarray(prior.known, int)[:, None] + np.arange(D)).ravel()
     sigma = np.concatenate([np.full(N * D, np.inf), np.full(N, prior.gain_sigma), [prior.sound_speed_sigma]])
     sigma[given] = max(prior.known_sigma, EXACT)
-    used = sigma > 0  # gains and a sound speed without spread are no unknowns
+    used = sigma > 0  # gains and a sound speed with a sigma of 0 are no unknowns
     F = information.matrix[np.ix_(used, used)] + np.diag(sigma[used] ** -2.0)
     # The rigid motions that leave the given microphones where they are remain undetermined.
     R = rigid_motions(x)

@@ -1,10 +1,10 @@
 """Local minima of a map, their basins, and the path of one microphone downhill.
 
-A minimum counts by its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest descent from
-neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is the lowest
-place where they touch. Passes are taken in ascending order: at each the two basins merge, and the one with the higher
-minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per
-cent of the points.
+Whether a minimum counts depends on its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest
+descent from neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is
+the lowest place where they touch. Passes are taken in ascending order: at each the two basins merge, and the one with
+the higher minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which
+are a few per cent of the points.
 
 A minimum that is too shallow to count belongs to the basin that it joins.
 
@@ -173,7 +173,7 @@ class DescentPath:
 
 
 def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals) -> DescentPath:
-    """Return the path downhill from a place.
+    """Return the path downhill from a point.
 
     `cost` (ny, nx) or (nz, ny, nx) float64, over the lattice `search`; `basins`: of this cost; `place` (2,) or (3,)
     float64, metres; outside of the lattice, its edge.

@@ -1,4 +1,4 @@
-"""Maps of the cost of moving one microphone, for display: planes, lines and volumes of any fineness.
+"""Maps of the cost of moving one microphone, for display: planes, lines and volumes of any resolution.
 
     eq7_maps, cost_volume  Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
     descent_maps                    Eq. 7 as a step of descent minimises it
@@ -9,8 +9,8 @@
     landscape_panels                the landscapes of one microphone, mode by mode and summed: the paper's Fig. 1
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
-A lattice is far finer than the field. With microphone n at x, all costs are simple functions of two fields, such as
-r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
+A lattice is far finer than the detail of the field. With microphone n at x, all costs are simple functions of two
+fields, such as r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
 
     f(x)   prediction of the pressure at x by the other microphones, which has no wavenumber above k
     h(x)   variance of the error of this prediction, which has no wavenumber above 2 k
@@ -145,7 +145,7 @@ class NodeTerms:
 
 @dataclass(frozen=True)
 class MovedMicrophone:
-    """The terms of Eq. 7 with microphone `n` anywhere and the others in their places, at one fixed order."""
+    """The terms of Eq. 7 with microphone `n` anywhere and the others at their positions, at one fixed order."""
 
     problem: Problem
     expansion: eq7.FieldExpansion  # of the order
@@ -374,7 +374,7 @@ def _distances(a: Reals, b: Reals) -> np.ndarray:
 
 
 def _middle(domain: Search) -> np.ndarray:
-    """Return the centre of the expansion, (2,) metres, off every node and every microphone of a regular array."""
+    """Return the centre of the expansion, (2,) metres, at which no node and no microphone of a regular array is."""
     return area(domain).mean(axis=0) + 1e-3 * domain.step * np.array([0.61, 0.37])
 
 

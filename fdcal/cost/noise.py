@@ -2,8 +2,8 @@
 
 With the eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
 sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). A position error of sigma e adds noise of the power
-k^2 e^2 / dimension, which is that of the field's gradient times e^2. Rough positions therefore explain low modes better
-than high ones.
+k^2 e^2 / dimension, which is that of the field's gradient times e^2. Inaccurate positions therefore explain low modes
+better than high ones.
 
 Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which only needs
 u = C^-1 q and d = diag C^-1. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m

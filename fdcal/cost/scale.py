@@ -2,10 +2,10 @@
 
 A map shows DECADES decades of cost below its highest value, or fewer if it spans fewer. A local minimum counts if the
 climb from it to a lower one exceeds the fraction DEPTH of this scale, which is 1 dB of the full 40 dB. Positions whose
-cost is less than that above the lowest cost fit as well. Colours reach from the 2nd to the 98th percentile of the
-costs, and over LEAST_RANGE at least. Costs below the end of the scale keep their order but hardly differ: a valley that
-reaches below it is one minimum, and all such valleys fit equally well. A map with negative values, such as a
-log-likelihood, has a linear scale from its lowest to its highest value.
+cost exceeds the lowest one by less than that fit as well as the lowest. Colours reach from the 2nd to the 98th
+percentile of the costs, and over LEAST_RANGE at least. Costs below the end of the scale keep their order but hardly
+differ: a valley that reaches below it is one minimum, and all such valleys fit equally well. A map with negative
+values, such as a log-likelihood, has a linear scale from its lowest to its highest value.
 
 This module loads before the compiled code: the first picture of the page needs it.
 """

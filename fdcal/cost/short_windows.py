@@ -46,8 +46,8 @@ QUADRATIC = np.array(
 )
 SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
 NOISE_NODES, DIRECT_NODES = 5, 2
-# means and spreads of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of the
-# logarithms of noise and direct sound, over the diffuse field, and of the curvature, 1/m
+# means and standard deviations of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of
+# the logarithms of noise and direct sound, over the diffuse field, and of the curvature, 1/m
 SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
@@ -132,8 +132,9 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
 def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndarray]]:
     """Return, for each possible vertical, the field rotated so that z is vertical, and the free coordinates (D,).
 
-    Least sound comes from the vertical, by the spectrum of degree 2. An array in the plane of x and y either lies, and
-    z is its normal, or stands, and z is an axis in its plane; it is then rotated into the plane y = 0.
+    The vertical is the direction from which the least sound comes, according to the spectrum of degree 2. An array in
+    the plane of x and y is either level, with z as its normal, or upright, with z as an axis in its plane. An upright
+    array is rotated into the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
     turn = np.linalg.eigh(tensor)[1]  # the axis of the largest eigenvalue is last

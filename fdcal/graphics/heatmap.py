@@ -63,7 +63,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     return tuple(meshes)
 
 
-RELIEF_HEIGHT = 0.22  # height of the highest cost over the longer side of the map; low, so that no hill hides a hole
+RELIEF_HEIGHT = 0.22  # height of the highest cost over the longer side of the map; low, so that no hill hides a minimum
 
 
 def cost_floor(
@@ -139,8 +139,9 @@ def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     return np.asarray(matplotlib.colormaps[name](np.rint(255 * fractions).astype(np.uint8), bytes=True))[..., :3]
 
 
-# Why a place is ambiguous: a microphone measures one number of a standing wave. All places with this number lie on a
-# line; the lines of two waves cross at a few places, and all lines have only the true position in common.
+# Why one wave does not determine a position: a microphone measures one value of a standing wave, and all positions with
+# this value lie on a line. The lines of two waves cross at a few points, and all lines have only the true position in
+# common.
 WAVE_POINTS = 300  # of the map of a wave, along its longer edge
 MAX_WAVES = 3  # whose lines are drawn
 COUNTED = {2: "both frequencies", 3: "all three frequencies"}

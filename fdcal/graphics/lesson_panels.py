@@ -31,7 +31,7 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
         x, mean, _ = drawn
         near, means = x <= np.median(x), []
         for word, half in (("nearer", near), ("farther", ~near)):
-            if half.any():  # a single microphone has no farther half
+            if half.any():  # with a single microphone the farther half is empty
                 level = float(mean[half].mean())
                 means.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
         return chart(x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), means)

@@ -444,7 +444,7 @@ PATH_WIDTH = 3.0  # pixels
 
 
 def along(points: Reals, fraction: float) -> Reals:
-    """Return the place on a path (P, D) at a fraction of the time, 0 to 1: it starts and ends slowly."""
+    """Return the point on a path (P, D) at a fraction of the time, 0 to 1: the motion starts and ends slowly."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     at = lengths[-1] * fraction * fraction * (3 - 2 * fraction)
     return np.array([np.interp(at, lengths, column) for column in points.T])

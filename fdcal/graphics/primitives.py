@@ -18,7 +18,7 @@ Colour = tuple[int, int, int]
 
 
 def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
-    """Return a colour between two, `fraction` of the way from the one to the other."""
+    """Return a colour between two, `fraction` of the way from the first to the second."""
     red, green, blue = (round((1 - fraction) * a + fraction * b) for a, b in zip(one, other, strict=True))
     return red, green, blue
 

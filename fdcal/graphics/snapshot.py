@@ -44,7 +44,7 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
 
 
 def png_bytes(picture: Picture, size: tuple[int, int], view: str) -> bytes:
-    """Return the bytes of the PNG, drawn by this process, which a wrong GL library may end."""
+    """Return the bytes of the PNG, drawn by this process, which a wrong GL library may crash."""
     from PIL import Image
 
     png = io.BytesIO()

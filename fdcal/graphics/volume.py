@@ -28,7 +28,7 @@ from .primitives import ColourBar, Floor, Surface
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices (V, 3), metres, faces (F, 3) and normals (V, 3), uphill, of where values equal a level.
 
-    What is lower is enclosed: where it goes on beyond the lattice, the surface is closed there.
+    The surface encloses all lower values. Where these reach the edge of the lattice, it is closed there.
     """
     if level > values.max():
         return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))

@@ -27,10 +27,10 @@ FLAT = 1e-3  # smallest extent of an array over its largest one, below which it 
 class GaugeFrame:
     """The minimal gauge: a position, a direction and a side (section 5 of the paper); in space a plane as well."""
 
-    # (D + 1,) int64. The gauge fixes the position of the first, the direction from it to the second, and the side on
-    # which each of the others lies of the line, or plane, through those before it
+    # (D + 1,) int64. The gauge fixes the position of the first microphone and the direction from it to the second. For
+    # each further microphone it fixes the side of the line, or plane, through the previous ones on which it lies
     microphones: np.ndarray
-    positions: np.ndarray  # (D + 1, D) float64, metres; only directions and sides are used of all but the first
+    positions: np.ndarray  # (D + 1, D) float64, metres; of all but the first, only directions and sides are used
 
 
 def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
@@ -68,7 +68,7 @@ def _axes(points: np.ndarray) -> np.ndarray:
 
 
 def _spans(points: np.ndarray, directions: int) -> bool:
-    """Return whether points (A, D) span a number of directions."""
+    """Return whether points (A, D) span at least this number of directions."""
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(extents[directions - 1] > FLAT * extents[0])
 
@@ -92,7 +92,7 @@ def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
 
 
 def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(None)) -> np.ndarray:
-    """Return `estimate` moved onto `truth`, both (N, D), metres, by the `rigid_motion` of the microphones `by`."""
+    """Return `estimate` moved onto `truth`, both (N, D), metres; the microphones `by` determine the motion."""
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
     turn, centre, target = rigid_motion(estimate[by], truth[by])
     return (estimate - centre) @ turn + target

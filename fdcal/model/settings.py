@@ -122,7 +122,7 @@ class Search:
         return tuple(round(length / self.step) + 1 for length in self.size)
 
     def index(self, point: Any) -> np.ndarray:
-        """Return the indices of the candidate that is nearest to a place.
+        """Return the indices of the candidate that is nearest to a point.
 
         Parameters
         ----------
@@ -137,7 +137,7 @@ class Search:
         return np.clip(index, 0, np.array(self.shape) - 1)
 
     def nearest(self, point: Any) -> np.ndarray:
-        """Return the candidate that is nearest to a place.
+        """Return the candidate that is nearest to a point.
 
         Parameters
         ----------
@@ -169,7 +169,7 @@ class Search:
 
 ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its array and the solver allow
 
-# Solvers that need the size of a rectangular room, as their traits (`fdcal.solvers.interface`) have it, too.
+# Solvers that need the size of a rectangular room. Their traits (`fdcal.solvers.interface`) say the same.
 KNOWN_ROOM_SOLVERS = ("room",)
 
 
@@ -276,8 +276,8 @@ class SolverSettings:
         return value
 
 
-# A search domain around an estimate, for a measurement without one. Of the solvers only `descent` and a random start
-# need it; maps, the cost and the order rule need it, too.
+# A search domain around an estimate, for a measurement without one. Maps, the reference cost, the order rule, solver
+# `descent` and random starts need a search domain; other solvers do not.
 MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
 MIN_MARGIN = 0.05  # m
 CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number of coordinates

@@ -58,7 +58,7 @@ class Limits:
     # weakest, strongest: pressures whose squares can be summed without leaving the range of float64, any unit
     weakest: float = 1e-100
     strongest: float = 1e100
-    digits: int = 10**30  # whole numbers from this one on are not shown
+    digits: int = 10**30  # messages do not show whole numbers from this one on
     text: int = 1_000_000  # bytes of a file of text, as a scene
     result: int = 50_000_000  # bytes of a result file
     unfolded: int = 400_000_000  # bytes of a compressed file after decompression
@@ -149,7 +149,7 @@ def require_arguments(function: str, given: Iterable[str], known: Iterable[str])
 
 
 def shown(value: object, max_length: int = 60, quoted: bool = False) -> str:
-    """Return a value for a message, on one line of `max_length` letters at most: a text, or the repr of other values.
+    """Return a value for a message, on one line of at most `max_length` characters: a text, or the repr of another.
 
     `quoted`: whether a text is in quotes.
     """
@@ -249,7 +249,7 @@ def point_text(point: Any) -> str:
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
 
 
-LONGEST_KEY = 100  # letters of a key that are compared with the known keys
+LONGEST_KEY = 100  # characters of a key that are compared with the known keys
 LARGEST_INTEGER = 2**63  # beyond the integers that a file may hold
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 

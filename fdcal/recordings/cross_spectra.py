@@ -12,10 +12,11 @@ under w and w',
 
     f_p = f + Re sum(j X' conj X) / (2 pi sum |X|^2).
 
-Several independent sources, or one that moves, make C a sum of such terms: any combination of their fields is a field,
-so the leading eigenvectors, times the roots of their eigenvalues less the noise, are as many rows of one frequency. A
-single source has a second eigenvalue, too: of the noise, up to (1 + sqrt(N / K))^2 v, and of a room that rings on
-beyond a segment, about 3.3 / (T d)^2 of the first one. A row must be well above both.
+Several independent sources, or one that moves, make C a sum of such terms: any linear combination of their fields is a
+sound field, too. So each leading eigenvector, times the root of its eigenvalue minus the noise, is a row of this
+frequency. With a single source the second eigenvalue is not zero either: noise makes it up to (1 + sqrt(N / K))^2 v,
+and a room that rings on beyond a segment makes it about 3.3 / (T d)^2 of the first one. A further row must be well
+above both.
 
     w    Hann's window, whose transforms follow from those without a window at three neighbouring bins
     d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequencies`

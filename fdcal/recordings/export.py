@@ -97,7 +97,7 @@ GAIN_TEXTS = {".csv": channel_table, ".xml": acoular_factors}
 
 
 RESOLUTION = 2.0  # Hz, of the filters: half a second of impulse response
-MAX_AMPLIFICATION = 10.0  # of the bass that a channel has lost; weaker bass is noise
+MAX_AMPLIFICATION = 10.0  # greatest gain for bass that a channel has lost; weaker bass counts as noise
 
 
 @dataclass(frozen=True)

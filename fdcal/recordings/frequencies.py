@@ -9,7 +9,7 @@ the response at time t and v its noise or, where that is less, the part that a m
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
     T    = sum e / (e + v)         the time in which the response stands out
 
-Samples 1 / T apart hold all that there is in the band, as those of any response of length T do. The late part of a
+Samples at a spacing of 1 / T hold all information in the band, as for any response of length T. The late part of a
 response is weak, so T is about 5 T_eq where a room decays evenly, and more where the direct sound is strong.
 """
 
@@ -200,10 +200,11 @@ def frequency_band(recording: Recording, options: ImportOptions, found: Frequenc
     top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
         low, high = IMPORT_LIMITS.low, IMPORT_LIMITS.high
-        if found.limit is not None:  # both ends follow 1 / R for small arrays
-            # The gradient of a pressure is about k times it. Where k R is 0.13, a difference of 0.1 dB between two
-            # channels is a tenth of the radius, and more below; a high-pass differs by that at low frequencies, while
-            # the gains of the likelihood are the same at all frequencies.
+        if found.limit is not None:  # for small arrays both ends are proportional to 1 / R
+            # The gradient of a pressure is about k times the pressure. At k R = 0.13 a difference of 0.1 dB between two
+            # channels is therefore equivalent to a shift by a tenth of the radius, and at lower frequencies to a larger
+            # shift. The high-passes of two channels differ by as much at low frequencies, while the likelihood has one
+            # gain for all frequencies.
             radian = 2 * np.pi * found.radius
             low = max(low, IMPORT_LIMITS.min_phase * speed / radian)
             wide = max(high, IMPORT_LIMITS.phase * speed / radian)

@@ -2,23 +2,24 @@
 
 The transform of such a recording is a solution of the Helmholtz equation at each frequency, whatever the source
 emitted, if the sound has decayed before the recording ends, or else has been weighted with exp(-s t) (see
-`fdcal.acoustics.spectrum`). The weight is no stronger than needed: it adds what the room has not decayed by itself.
+`fdcal.acoustics.spectrum`). The weight is no stronger than needed: it supplies the part of the decay that the room
+itself lacks.
 
     d    rate at which the sound decays, nepers per second
     s    rate of the exponential window; (d + s) T = 12 nepers
     c    s, where the sound may be over; an equally long part after it is compared with the end of the recording
 
-How the sound decays is seen from its level in successive segments. Only the band in use counts, since noise at other
-frequencies lasts to the end of a recording and says nothing about the room. The mean level of the band shows when most
-of the sound is gone; a mode that decays more slowly than the others rings on. So the sound ends where what follows is
-at no frequency louder than the end of the recording.
+The decay is measured from the level of the sound in successive segments. Only the band in use counts, since noise at
+other frequencies lasts to the end of a recording and says nothing about the room. The mean level of the band shows when
+most of the sound is gone; a mode that decays more slowly than the others rings on. The sound therefore counts as over
+at the time after which no frequency is louder than it is at the end of the recording.
 
 Where the signal S that the source emitted is given, `deconvolve` divides the recording X by it. X / S, regularised
 where S is weak, is the transform of the response, apart from a factor at each frequency that is the same for all
 channels and does no harm. The response starts `lead` seconds late, so that the ringing of the band-limited spectrum,
 which comes before the sound as well as after it, lies inside. The division distributes the noise of the recording over
-its whole length; where S is a sweep, the noise of each frequency has another time. So the noise inside the response is
-estimated from what lies outside of it, and not from its end alone.
+its whole length; if S is a sweep, the division shifts the noise of each frequency by a different time. The noise inside
+the response is therefore estimated from all that is outside of it, and not from the end of the recording alone.
 """
 
 from dataclasses import dataclass, replace
@@ -91,7 +92,8 @@ def extend_to_last_mode(recording: Recording, band: Band, decay: Decay, noise: N
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
         c *= DECAY.extension
     if c > decay.tail:
-        # A mode that can no longer be distinguished from noise is not yet below it.
+        # A mode that can no longer be distinguished from noise may still be as strong as the noise: the tail begins
+        # later.
         c = min(DECAY.extension**2 * c, max(last, decay.tail))
     return replace(decay, tail=c)
 

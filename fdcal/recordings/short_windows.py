@@ -33,7 +33,7 @@ def short_windows(
 ) -> ShortWindows | None:
     """Return the windows of a take; None if the options exclude them or the take is not suitable.
 
-    Not suitable are takes of a plate, of more than MAX_COUNT channels, too short ones, and those with low frequencies
+    A take is not suitable if it is of a plate, has more than MAX_COUNT channels, is too short, or has low frequencies
     only. InputError for a band that the recording cannot hold.
 
     kind : one of `fdcal.recordings.recording.KINDS`; takes, number : number of takes, and the number of this one, since

@@ -1,7 +1,7 @@
 """Whether the channels of a recording share one clock: the delay of each channel over time, from the recording alone.
 
 The cross-spectrum of two microphones depends on the room, the source and the positions, which do not change. So the
-phase between its means over two stretches of time is that of a delay,
+phase difference between its means over two stretches of time is that of a delay,
 
     C_n(f, t) conj C_n(f, 0) = |C_n|^2 exp(-j 2 pi f d_n(t)),   C_n = mean X_n conj X_r,
 

@@ -1,7 +1,7 @@
 """Record a take: sound from a sound card, or from a file instead, is written to a file while its channels are checked.
 
-`SoundStream` gives the sound in blocks. `record_take` writes them and asks after each whether to go on. If a take ends
-early, because of its user or a fault, what was recorded remains as a valid file.
+`SoundStream` gives the sound in blocks. `record_take` writes them and asks after each whether to continue. If a take
+ends early, because of its user or a fault, what was recorded remains as a valid file.
 """
 
 import queue

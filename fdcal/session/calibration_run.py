@@ -49,7 +49,7 @@ def require_length(inputs: CalibrationInput, problem: Problem) -> None:
 
 
 def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError if the solver cannot find the array, as one outside of the search domain or the room."""
+    """Raise InputError if the solver cannot find the array, for example outside of the search domain or the room."""
     measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
     truth, search = measurement.positions, measurement.search
     if truth is not None and search is not None and traits.needs_search:

@@ -88,7 +88,7 @@ class LessonSetting:
             values |= {"microphone": int(parts["microphone"]), "follow": False}
         if "trails" in parts:
             values["trails"] = parts["trails"] == "on"
-        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera suits one window only
+        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera suits only one window
             values["view"] = "3d" if numbers else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
         given = {name: value for name, value in vars(self).items() if value not in (None, ())}

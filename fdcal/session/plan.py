@@ -1,20 +1,20 @@
 """A plan: how exact an array will be calibrated, before anything is recorded, as numbers and in words.
 
 A `PlanRequest` is an array, from a table, a geometry of Acoular, a scene or words such as "circle 16 0.2", and the
-circumstances of its calibration. The bound takes all frequencies as independent. They are not: the pressures of a room
-that decays evenly are alike over a distance of x Hz as
+circumstances of its calibration. The bound assumes that all frequencies are independent. They are not: the pressures in
+a room that decays evenly have, at a distance of x Hz, the squared correlation
 
     |r|^2 = 1 / (1 + (pi x / s)^2),    s = 6.9 / T60 nepers per second
 
-The solver takes them as independent, too. The covariance of its gradient is then F + sum |r|^2 F' over all pairs of
+The solver makes the same assumption. The covariance of its gradient is then F + sum |r|^2 F' over all pairs of
 frequencies, where F' is the part of the information F that the field contributes, not the noise. The covariance of the
 positions is larger by the same factor. The forecast takes F' = F / 2. With impulses it adds the information of the
 arrival times:
 
     r_n = c tau_n - |x_n - s| - b      path to microphone n; source s and time of emission b are unknown
 
-For small arrays in space it adds the short windows of the recording, which count as many as `ForecastRules.windows`
-independent ones whatever the length of the recording, because a room has few waves.
+For small arrays in space it adds the short windows of the recording. They count as `ForecastRules.windows` independent
+windows, whatever the length of the recording, because a room has few waves.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
 positions of the source, and the information of a Gaussian field decreases with its noise.
@@ -150,7 +150,7 @@ class PlanRequest:
     known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
     # one sigma of each of their coordinates; 0 for exact ones
     known_sigma: Annotated[float, within(0, 1e12, "m")] = 0.0
-    # spread of the channels' gains; 0 for equal channels
+    # standard deviation of the channels' gains; 0 for equal channels
     gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # the RMS error that is wanted
@@ -254,7 +254,8 @@ class PlanRequest:
 class ForecastRules:
     """What the forecast adds to the bound; the figures are of 40 draws with noise and 30 with impulses."""
 
-    # F' / F, see the module's docstring. With 8 to 48 microphones at 30 dB the exact sum is that of 0.3 to 0.8.
+    # F' / F, see the module's docstring. With 8 to 48 microphones at 30 dB the exact sum corresponds to values from 0.3
+    # to 0.8.
     field_part: float = 0.5
     # metres, one sigma of an arrival time: 0.1 to 0.8 mm in simulated rooms, 0.9 mm of the measured array
     arrival_sigma_m: float = 5e-4
@@ -294,7 +295,7 @@ class Forecast:
     """The error that a calibration will have, root mean square over the microphones that are sought, metres."""
 
     rms: float  # expected
-    low: float  # 8 of 10 recordings err between `low` and `high`
+    low: float  # the errors of 8 of 10 recordings are between `low` and `high`
     high: float
     beyond: str = ""  # information that the forecast uses and the bound does not, in words
 
@@ -306,8 +307,8 @@ class Plan:
     request: PlanRequest
     bound: Bound  # in a diffuse field
     forecast: Forecast
-    # snr_db: (S,) ascending, takes: (T,) ascending, expected: (T, S) float64, metres, the forecast of other numbers of
-    # places of the source and other signal-to-noise ratios. The first ratio is that of the request
+    # snr_db: (S,) ascending, takes: (T,) ascending, expected: (T, S) float64, metres, the forecast for other numbers of
+    # source positions and other signal-to-noise ratios. The first ratio is that of the request
     snr_db: tuple[float, ...]
     takes: tuple[int, ...]
     expected: np.ndarray

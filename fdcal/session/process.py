@@ -16,7 +16,7 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 
 @contextlib.contextmanager
 def _handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
-    """Let `handler` receive the signals of ENDING in the block: `every` one not ignored, or those without a handler.
+    """Let `handler` receive signals of ENDING in the block: those without a handler or, if `every`, all not ignored.
 
     A signal that was ignored before, as under nohup, stays ignored.
     """

@@ -80,7 +80,7 @@ def load_input(
     if len(texts) > 1:
         name += f" and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
     if all(recorded):
-        from ..recordings import importer  # brings the signal library, which a measurement does not need
+        from ..recordings import importer  # loads the signal library, which a measurement does not need
 
         measurement = _without(importer.import_recording(texts, options or ImportOptions(), progress)[0], excluded)
     elif any(recorded):

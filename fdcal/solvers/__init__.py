@@ -51,7 +51,7 @@ def load(name: str) -> Solver:
 
 
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:
-    """Return settings with a number of modes, where they ask for all."""
+    """Return the settings, with the number of modes that a calibration uses in place of ALL_MODES."""
     if settings.modes != ALL_MODES:
         return settings
     from .requirements import mode_count
@@ -64,8 +64,8 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
 def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
     """Yield the states of the solver `settings.name` from the start to the end.
 
-    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.interface`). Where the
-    settings ask for all modes, their number follows (`fdcal.solvers.requirements`).
+    The run ends if a microphone moves farther out than the frequencies can resolve (`fdcal.solvers.interface`). If the
+    settings ask for all modes, `fdcal.solvers.requirements` determines their number.
     """
     from .interface import bounded, require_affordable
 

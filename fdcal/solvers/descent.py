@@ -77,7 +77,7 @@ def order_offset_of(settings: SolverSettings, modes: int) -> int:
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
-    """Return the first state: free microphones on the search lattice, known ones in their places.
+    """Return the first state: free microphones on the search lattice, known ones at their positions.
 
     `seed`: of the random start and of the order in which the microphones are moved.
     """

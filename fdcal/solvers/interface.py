@@ -106,7 +106,7 @@ class GivenEstimate:
     """What the solver has assumed and found of the given positions."""
 
     sigma: float  # metres, one sigma of each coordinate; 0 where they are exact
-    expected_sigma: float  # metres, the sigma that is stated or usual
+    expected_sigma: float  # metres, the stated sigma or, without one, the usual sigma
     stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each
     carry_scale: bool  # whether only these positions fix the scale, since the pressures hardly show the array's size
     # maps a choice of given positions (A,) bool to the probability of a disagreement with the pressures as large by
@@ -123,7 +123,7 @@ class TriedOptimum:
 
     positions: Reals  # (N, D) float64, metres
     score: float  # -log evidence, up to a constant
-    same_frame: bool  # whether the same given positions as of the estimate fix its frame
+    same_frame: bool  # whether the given positions that fix its frame are those that fix the frame of the estimate
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def damped_step(
         moved = length(tried)
         try:
             lower = cost(tried) if moved <= max_step else np.inf
-        except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
+        except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one position without noise
             lower = np.inf
         if lower < terms.cost:
             return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)

@@ -1,4 +1,4 @@
-"""Requirements on a measurement for its microphones to be found, and the number of modes that a calibration uses.
+"""What a measurement needs so that its microphones can be found, and the number of modes that a calibration uses.
 
 mode_count      number of modes in use unless it is given: all measured ones, within three limits
 check_solvable  requirements of every calibration: enough equations, and microphones that are not on one line

@@ -257,7 +257,7 @@ def coherence_start(
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
         x = x - x.mean(axis=0)
     radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
-    outliers = radius > MAX_RADIUS * np.median(radius)  # these share nothing with the others: dead or noisy
+    outliers = radius > MAX_RADIUS * np.median(radius)  # these are coherent with no other: dead or noisy
     return np.where(outliers[:, None], np.median(x, axis=0), x)
 
 

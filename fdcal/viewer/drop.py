@@ -232,7 +232,7 @@ class Drop:
         self._binding.session.play()
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
-        """Drag a microphone to a place, (2,) or (3,), metres, or release it there; on viser's event loop."""
+        """Drag a microphone to a position, (2,) or (3,), metres, or release it there; on viser's event loop."""
         binding = self._binding
         current = self._drag if self._drag is not None and self._drag.gesture == gesture else None
         if current is None and not self._droppable:
@@ -335,7 +335,7 @@ class Drop:
         self._say("")
 
     def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
-        """Return the way of a microphone downhill from its place, on the thread, by the cost of the map."""
+        """Return the way of a microphone downhill from its position, on the thread, by the cost of the map."""
         run, request = self._binding.run, drawn.request
 
         def on_lattice() -> tuple:

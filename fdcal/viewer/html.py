@@ -256,7 +256,7 @@ class Overlay:
         self._acts[name] = act
 
     def receive(self, client: viser.ClientHandle, text: str) -> None:
-        """Carry out what a browser has sent: a stamp, a name and a value; `otherwise` gets what has no act here."""
+        """Carry out what a browser has sent: a stamp, a name and a value; `otherwise` gets unknown commands."""
         name, _, value = text.partition(" ")[2].partition("=")
         act = self._acts.get(name, lambda client, value: self.otherwise(client, name, value))
         self.guarded(client, lambda: act(client, value))

@@ -11,7 +11,7 @@ from ..model.measurement import load_measurement
 from ..model.scene import load_scene
 from ..session.sources import OpenRequest
 
-SCENE, MICROPHONE, MODE = "fig1_square", 16, 92  # the mode has the map of most minima
+SCENE, MICROPHONE, MODE = "fig1_square", 16, 92  # the mode whose map has the most minima
 MEASUREMENT, FILM, SCRIPT = (
     Path(__file__).with_name(name) for name in ("opening_measurement.npz", "opening.html", "film.js")
 )

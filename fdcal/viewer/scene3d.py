@@ -330,7 +330,7 @@ class SceneNodes:
         self._server = server
         server.scene.configure_default_lights(False)
         server.scene.configure_environment_map(None)
-        server.scene.add_light_ambient("/light", intensity=math.pi)  # alone, it leaves colours as they are
+        server.scene.add_light_ambient("/light", intensity=math.pi)  # as the only light, it leaves colours unchanged
         self.parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._labels = server.gui.add_html(content("labels"), visible=False)

@@ -64,7 +64,7 @@ class VerdictWorker:
         self._worker = threads.job(self._compute)
 
     def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
-        """Return the assessment of the state that is shown, whether it is still expected, and who is averaged.
+        """Return the assessment of the shown state, whether it is still expected, and which microphones are averaged.
 
         The assessment is None before the end of a run. The last are the numbers of the microphones that are sought,
         without those whose channels the last assessment of this run found faulty. `now`: time, s.

@@ -345,7 +345,7 @@ class Binding:
         return self.frame.positions(self.session.view.state.positions)
 
     def place(self, microphone: int, place, gesture: int | None = None) -> None:
-        """Move the estimate of a microphone to a place on the page, (2,) or (3,), metres."""
+        """Move the estimate of a microphone to a position on the page, (2,) or (3,), metres."""
         place = self.frame.placed(self.session.view.state.positions, microphone, place)
         self.session.place(microphone, place, gesture)
 

@@ -10,7 +10,7 @@ If the file has no rate, that of `fdcal.recordings.recording.ImportOptions` is u
 .h5, .hdf5       HDF5, groups included
 .csv, .tsv, .txt one line for each time, one column for each channel; a column of times gives the rate
 folder           of MeshRIR: impulse responses of one microphone moved over a mesh, with several sources, 48 kHz:
-                 pos_mic.npy (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M places
+                 pos_mic.npy (M, 3) and pos_src.npy (S, 3), metres; ir_<i>.npy (S, T), one for each of the M positions
 
 S. Koyama, T. Nishida, K. Kimura, T. Abe, N. Ueno, J. Brunnström, "MeshRIR: A dataset of room impulse responses on
 meshed grid points for evaluating sound field analysis and synthesis methods", WASPAA 2021.

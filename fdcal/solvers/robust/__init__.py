@@ -50,13 +50,14 @@ def require_solvable(problem: Problem, settings: SolverSettings) -> None:
     require_gauge(problem)
 
 
-# RMS move in one step, in sigmas of the coordinates, at which a stage ends that learns the directions of a field in
-# space: the directions go on changing long after the positions do. Four takes of 32 microphones end 0.1 to 0.5 mm from
-# the limit of many steps, with an error of 3 to 4 mm. The rule does not serve fields in the plane, where directions
-# cost little time: there an array whose size is hardly determined would go from 14 to 17 mm.
+# A stage that learns the directions of a field in space ends when the RMS move in one step, in sigmas of the
+# coordinates, falls below this: the directions still change long after the positions have settled. Four takes of 32
+# microphones end 0.1 to 0.5 mm from where many more steps would lead, with an error of 3 to 4 mm. The rule does not
+# apply to fields in the plane, where learning directions takes little time: with it the error of an array whose size is
+# hardly determined would grow from 14 to 17 mm.
 TOLERANCE_SIGMAS = 0.05
-# decrease of the cost, nats, above which a stage that learns directions goes on; without this condition the error of
-# an array in the plane whose size is hardly determined grows from 14 to 17 mm
+# A stage that learns directions continues while the cost decreases by more than this, nats. Without this condition the
+# error of an array in the plane whose size is hardly determined grows from 14 to 17 mm.
 LEARNED_NATS = 0.5
 
 

@@ -28,8 +28,8 @@ MAX_EXAMINED = 6  # channels examined at once, to save time
 # absolute log gain above which a gain is a gross fault, as of an inverted channel; without this rule the error of a
 # blind circle grows from 18 to 25 mm
 GROSS = 0.5
-# Filters are sought only with so few suspicious channels. Without this limit six healthy channels get a filter, and an
-# array with an error of 5.4 mm and a claimed sigma of 1.1 mm gets the verdict "good".
+# Filters are sought only if no more channels than this are suspicious. Without this limit six healthy channels get a
+# filter, and an array with an error of 5.4 mm and a claimed sigma of 1.1 mm gets the verdict "good".
 MAX_FILTERED = 3
 SPACING = 0.125  # distance of candidates, in shortest wavelengths
 
@@ -86,7 +86,7 @@ DELAY_COUNT = 41
 # filters (delay, corner) that are tried: first none, then delays
 FILTER_GRID = [np.array([d, 0.0]) for d in (0.0, *(d for d in np.linspace(-MAX_DELAY, MAX_DELAY, DELAY_COUNT) if d))]
 FILTER_NATS = 8.0  # nats by which a filter must lower the cost
-COHERENT = 0.75  # fraction of the power that a channel with a filter must share with its prediction
+COHERENT = 0.75  # least squared coherence of a channel with a filter and its prediction
 
 
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
@@ -95,7 +95,7 @@ def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
     cost, value = _fitted(p * np.exp(-response), e, V)
     best = int(np.argmin(cost))
     price = 2 * np.sum(np.real(response))
-    if np.any(cut):  # some combination of filter and position fits even a channel of noise a little
+    if np.any(cut):  # some combination of filter and position slightly fits even a channel of noise
         across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
         coherent = across > COHERENT * np.sum(np.abs(e[:, best]) ** 2) * np.sum(np.abs(p * np.exp(-response)) ** 2)
         price += FILTER_NATS if coherent else np.inf

@@ -244,8 +244,8 @@ MAX_SIGMA = 0.04
 def mirror_advantage(problem: Problem, state: State, found: FreeArray) -> float:
     """Return by how many nats the array `found` is likelier than its mirror image, given the positions in use.
 
-    It is small where these lie nearly on a line, in space nearly in a plane, for their accuracy and that of the array.
-    It is infinite where too few are given to compare the two.
+    It is small if these lie on a line (in space, in a plane) to within their accuracy and that of the array. It is
+    infinite where too few are given to compare the two.
     """
     known, places = objectives.constrained_positions(problem, state)
     if len(known) <= problem.array_dimension or objectives.given_carry_scale(problem):

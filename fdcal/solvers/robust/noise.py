@@ -1,4 +1,4 @@
-"""What is estimated beside positions and gains: noise, power, directions, spreads of the priors, and evidence."""
+"""Estimates beside positions and gains: noise, power, directions, standard deviations of the priors, and evidence."""
 
 from dataclasses import replace
 
@@ -37,8 +37,8 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
 # evenly spaced modes from which the noise is estimated, at most; with all modes it takes three times the time, and the
 # error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
-# The reported noise is used if it is within this factor of the estimate. If it is always used, an array is no longer
-# found whose error is 2.6 mm; if it is never used, the error of one in space grows from 16 to 20 mm.
+# The reported noise is used if it is within this factor of the estimate. If it were always used, one array, whose error
+# is now 2.6 mm, would not be found; if it were never used, the error of an array in space would grow from 16 to 20 mm.
 BELIEVED = 2.0
 
 
@@ -69,7 +69,7 @@ def given_noise(problem: Problem, state: State) -> np.ndarray | None:
 
 
 def centred(state: State) -> State:
-    """Return `state` with gains of median 1 and delays of median 0: the field takes up what all channels share."""
+    """Return `state` with gains of median 1 and delays of median 0; common gains and delays belong to the field."""
     shift = np.median(state.gains - state.offsets, axis=0)
     louder = np.exp(2 * shift[0])
     filters = state.model.filters
@@ -261,10 +261,10 @@ SILENT_GAIN = -3.0  # nepers; a dead channel can look like one of a much lower g
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
-    """Return `state` with channels that hold only noise, or next to nothing, in the middle of the others.
+    """Return `state` with channels that hold only noise, or almost nothing, in the middle of the others.
 
-    Nothing shows where these stand, and far outside they would increase the number of directions of the field. All of
-    their power counts as noise.
+    The pressures do not determine where these are, and far outside they would increase the number of directions of the
+    field. All of their power counts as noise.
     """
     tau, all_noise = np.array(state.model.channel_noise), 1 / state.model.noise_fraction
     silent = (tau > all_noise) | (state.gains[:, 0] < SILENT_GAIN)
@@ -279,8 +279,8 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
 
 
-# (Im k R)^2 over the noise fraction from which the imaginary part of k is used; used always, the errors of 2 of 75
-# arrays grow, from 1.0 to 1.1 mm and (a blind circle) from 45 to 80 mm
+# (Im k R)^2 over the noise fraction from which the imaginary part of k is used. If it were always used, the errors of 2
+# of 75 arrays would grow, from 1.0 to 1.1 mm and (a blind circle) from 45 to 80 mm.
 DAMPED = 0.1
 
 

@@ -2,7 +2,8 @@
 
 The unknowns in one vector: the P parameters of every microphone (its coordinates and, where gains are free, log gain,
 phase, and with filters delay and corner), then the logarithm of the sound speed over the one that the wavenumbers
-suppose. The likelihood depends on wavenumber times length only, so that a faster sound is a smaller array:
+assume. The likelihood depends on wavenumber times length only, so that a higher sound speed is equivalent to a smaller
+array:
 
     d cost / d log c = -sum_n (x_n - x_0) . d cost / d x_n - d_n d cost / d d_n + kappa_n d cost / d kappa_n
 
@@ -84,7 +85,7 @@ class Unknowns:
         return replace(self, positions=each[:, :D], channels=channels, log_speed=float(vector[-1]))
 
     def by_speed(self) -> np.ndarray:
-        """Return the direction (N P,) of the microphones' parameters that has the effect of a faster sound."""
+        """Return the direction (N P,) of the microphones' parameters that has the effect of a higher sound speed."""
         N, D = self.positions.shape
         direction = np.zeros((N, D + self.gains * self.channels.shape[1]))
         direction[:, :D] = self.positions.mean(axis=0) - self.positions
@@ -242,7 +243,7 @@ class Objective:
         return np.concatenate(freed)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
-        """Return the cost, or infinity where a covariance is singular, as with two microphones at the same place."""
+        """Return the cost, or infinity where a covariance is singular, as with two microphones at one position."""
         try:
             return self.evaluate(unknowns, False).cost
         except np.linalg.LinAlgError:

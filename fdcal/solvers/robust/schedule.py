@@ -184,7 +184,8 @@ def with_windows(problem: Problem, state: State) -> State | None:
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted)
     if term is None:
         return None
-    # Given positions determine the array beside the pressures, and would hide how unreliable these are.
+    # The comparison leaves out the given positions: they help to determine the array, and would hide how unreliable the
+    # pressures are.
     no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
     claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
     ratio = term.disagreement(state.positions, claim.spread.covariance)
@@ -194,7 +195,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
         window_precision=term.precision / ratio,
         window_ratio=ratio,
         tempering=model.tempering * claim.excess * ratio,
-        # Before, the long rows weighed too much: delays found then may be false, and compete with the arrival times.
+        # So far the long rows had too much weight: delays found with it may be wrong, and contradict the arrival times.
         # `refined` looks for delays again, with the new weight.
         delay_sigma=0.0,
         corner_sigma=0.0,

@@ -129,7 +129,7 @@ def fitted(
     """Return where a start at `positions` (N, D), metres, ends, fitted to the `lowest` modes first, then to more.
 
     With all modes gains and gross faults of the channels are sought too, twice, since the first of these fits assumes
-    too much noise. A fit that reaches an array of `found` ends there: it would go on as that one did.
+    too much noise. A fit that reaches an array of `found` ends there: it would continue as that one did.
     """
     here, last = begin_restart(problem, state, positions), state.last
     cap = max(FIT_MODES, FIT_PRESSURES // len(positions))

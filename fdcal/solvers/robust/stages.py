@@ -55,7 +55,7 @@ MAX_STEP = 0.125
 def moved_once(
     problem: Problem, state: State, used: np.ndarray
 ) -> tuple[State, objectives.Objective, objectives.ChannelStep]:
-    """Return `state` after one damped step and one update of power, noise and spreads, what it minimised, and the step.
+    """Return `state` after one damped step and one update of power, noise and sigmas, what it minimised, and the step.
 
     Where a covariance is singular, the state moves nowhere, and the step has no `terms`.
     """

@@ -98,7 +98,7 @@ class Model:
 
     @property
     def min_noise(self) -> float:
-        """The least noise fraction that this model of the field can tell from its own misfit."""
+        """The least noise fraction that this model of the field can distinguish from its own misfit."""
         return MIN_NOISE_FRACTION["others" if self.damped or self.directional else "isotropic"]
 
 

@@ -105,7 +105,7 @@ def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
 
 
 def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
-    """Return the term of the windows of a problem; None where they show no array.
+    """Return the term of the windows of a problem; None if they do not determine the array.
 
     positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, otherwise 0,
     since the fit estimates small phases and levels; counted : (N,) bool, channels in use
@@ -153,7 +153,7 @@ def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> S
 
 
 def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
-    """Positions (N, axes), metres, from the coherence of the windows; None where it shows no array."""
+    """Positions (N, axes), metres, from the coherence of the windows; None if it does not determine them."""
     count = likelihood.pressures.shape[1]
     p, k = likelihood.pressures.reshape(-1, likelihood.pressures.shape[2]), np.repeat(likelihood.wavenumbers, count)
     kept = np.any(p, axis=1) & (k <= START_BAND)

@@ -52,7 +52,7 @@ PROTOCOL_ERROR = 1002  # code of a closed connection
 
 
 class RepeatFilter(logging.Filter):
-    """Shortens the records of refused clients to one line, and keeps the 1st, 10th, 100th ... of each kind."""
+    """Shortens the log records of refused clients to one line, and keeps the 1st, 10th, 100th ... of each kind."""
 
     def __init__(self):
         super().__init__()

@@ -1,7 +1,7 @@
 """The tab View: the camera, the theme, what is drawn over the map, and files of what is on the screen.
 
-Files are made one after the other on a thread and sent to who asked: a `PageState` holds everything that goes into
-one, `KINDS` lists the kinds.
+Files are made one after the other on a thread, and each is sent to the browser that asked for it. A `PageState` holds
+everything that goes into a file, and `KINDS` lists the kinds.
 """
 
 import logging
