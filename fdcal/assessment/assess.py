@@ -82,7 +82,7 @@ def assess(
         return _in_room(estimate, names)
     seen = judged(estimate, names, scale, unused)
     code, message = first_finding(FINDINGS, seen, estimate)
-    if code in ("undersampled", "not_converged"):  # an array that was not found contradicts no given position
+    if code in ("undersampled", "not_converged"):  # otherwise given positions cannot be judged
         seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
