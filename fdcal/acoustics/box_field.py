@@ -13,7 +13,8 @@ other:
 k         wavenumber, rad/m, complex: (2 pi f - j s) / c with the time sign exp(+j w t)
 s         rate of decay, 1/s
 l         length of an axis, metres;  z_<, z_> the lesser and the greater of z and z_s
-h         of a wall, 1/m: outwards dp/dn = -h p; 0 rigid, j k beta with the specific admittance beta = rho c / Z
+h         1/m, of a wall with outward normal n: dp/dn = -h p; 0 if it is rigid, else j k beta with the specific
+          admittance beta = rho c / Z
 R         (gamma - h) / (gamma + h), reflection by a wall: 1 rigid, -1 pressure-release
 kappa     wavenumber of an eigenfunction along an axis, rad/m; kappa_t^2 is the sum of two
 

@@ -8,8 +8,8 @@ One equation holds for every cell,
 
     p_new = (2 p - (1 - b) p_old + lam^2 (sum of the neighbours inside - K p)) / (1 + b),
 
-and two numbers a cell describe the walls at its faces. No flux passes a rigid face: K counts the neighbours inside.
-A pressure-release face mirrors the pressure with its sign changed, so that it is zero on the face: 2 more in K. An
+and two numbers per cell describe the walls at its faces. No flux passes a rigid face: K counts the neighbours inside. A
+pressure-release face mirrors the pressure with its sign changed, so that it is zero on the face, which adds 2 to K. An
 absorbing face of specific admittance beta satisfies dp/dn = -(beta / c) dp/dt, the derivative in time centred on the
 step: b = lam beta / 2 for each such face. Walls lie on cell faces, cell centres at (i + 0.5) h.
 

@@ -472,7 +472,8 @@ def map_minima(
 ) -> Minima:  # fmt: skip
     """Return what is marked on the map of `cost_maps`, summed over `modes`, whatever its lattice.
 
-    `cost` (ny, nx) float64: the map on the lattice `search`. The minima of a sum of few modes are those of a fine one.
+    `cost` (ny, nx) float64: the map on the lattice `search`. The minima of a sum of few modes are those on a fine
+    lattice.
     """
     lattice = lattice_of(problem, modes)
     if max(lattice.shape[:2]) > max(search.shape[:2]):

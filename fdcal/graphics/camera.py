@@ -12,7 +12,7 @@ from ..model.validation import require_choice
 from .primitives import Picture
 
 VIEWS = get_args(View)
-MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view, of the room's and of the search domain's with its rulers
+MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view over that of the room, or of the search domain with its rulers
 OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
 REFINEMENTS = 6  # iterations for the 3-D view: in perspective the size in the image is nonlinear in the distance

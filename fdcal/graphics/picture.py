@@ -451,7 +451,7 @@ def along(points: Reals, fraction: float) -> Reals:
 
 
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
-    """Return the centre (3,), metres, of a ball at `place` (D,), which lies on the rim of a valley narrower than it."""
+    """Return the centre (3,), metres, of a ball at `place` (D,); it rests on the rim of a valley that is too narrow."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
     above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of what stands on a map
@@ -493,7 +493,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
 
 
 def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
-    """Return points (P, 3), metres, on a map: at its highest place within a radius, or at its level if it is flat."""
+    """Return points (P, 3), metres, on a map: at its highest point within a radius, or at its level if it is flat."""
     draped = drape(points, floor, radius)
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 

@@ -260,7 +260,7 @@ def require_quiet_end(recording: Recording, band: Band) -> None:
 
     A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
     in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
-    must also rise above the lowest frequencies, where each of them counts by its own noise.
+    must also rise above the lowest frequencies, where each frequency is compared with its own noise.
     """
     level = segment_levels(recording, band)
     top, last = int(np.argmax(level)), len(level) - 2

@@ -1,7 +1,7 @@
 """Check a recording or a published data set: `examine` returns one finding for each question.
 
 samples      which channels are silent, clipped or copies
-wrapped      whether the beginning of impulse responses stands at their end
+wrapped      whether the beginning of impulse responses is at their end
 synchronous  whether the channels share one clock (`fdcal.recordings.synchrony`)
 field        whether a sound field between the microphones predicts each of them, better than the mean of the others
              does, which is a field of order 0

@@ -71,7 +71,7 @@ function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
   return (1 - v + j) * ((1 - u + i) * mixed[at] + (u - i) * mixed[at + 1]) + (v - j) * ((1 - u + i) * mixed[at + n] + (u - i) * mixed[at + n + 1]);
 }
-// A mark of a radius stands on the highest ground below it: a ball on the edges of a hole that is too narrow for it.
+// A mark of a radius rests on the highest point below it; so a ball rests on the rim of a valley too narrow for it.
 function on([x, y], radius) {
   const around = [-radius, 0, radius];
   return [x, y, height * Math.max(...around.flatMap(a => around.map(b => level(x + a, y + b))))];
@@ -181,7 +181,7 @@ function drawShadow(camera) {
   drawn.fill();
   drawn.filter = "none";
 }
-// Whether a point of the surface is seen: no ground between it and the eye stands above the line of sight.
+// Whether a point of the surface is visible: nothing between it and the eye is above the line of sight.
 function seen(camera, p) {
   const way = plus(camera.eye, p, -1), reach = 0.6 / Math.hypot(...way);
   for (let i = 2; i < 40; i++) {
@@ -272,7 +272,7 @@ function draw(time) {
   drawRelief(camera);
   drawMarks(camera, now);
 }
-// Where the browser is busy, as while it loads the page, the film waits: it skips nothing.
+// While the browser is busy, for example with loading the page, the film waits and skips nothing.
 function play(time) {
   if (!root.isConnected) return;
   if (!held) {

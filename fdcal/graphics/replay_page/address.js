@@ -1,4 +1,4 @@
-// What is shown, in the address after #, as in #step=12&microphone=9&modes=1-20&view=top: a link leads to a moment. Keys
+// What is shown, in the address after #, as in #step=12&microphone=9&modes=1-20&view=top: a link leads to a state. Keys
 // and values are those of fdcal/model/address.py, whose table is data.address; `part` is the step of this page's lesson.
 let writing = 0, themed = false;
 

@@ -88,7 +88,7 @@ function associated(cos, sin, L, out) {
   }
 }
 
-// The fit of one mode to all microphones but n: S, q and r0. rows (N, K), p (N), both interleaved.
+// The fit of one mode to all microphones except n: S, q and r0. rows (N, K), p (N), both interleaved.
 function fitWithout(rows, p, N, K, n) {
   const M = N - 1, Q = [], S = new Float64Array(2 * K * K), q = new Float64Array(2 * K), left = new Float64Array(2 * M);
   const others = [...Array(N).keys()].filter(i => i != n);
@@ -102,7 +102,7 @@ function fitWithout(rows, p, N, K, n) {
       S[2 * (i * K + j)] += re; S[2 * (i * K + j) + 1] += im;
     }
     const length = lengthOf(column);
-    Q.push(length > 1e-12 * before ? column.map(v => v / length) : null);  // a dependent function fits nothing more
+    Q.push(length > 1e-12 * before ? column.map(v => v / length) : null);  // a dependent function adds nothing to the fit
     S[2 * (j * K + j)] = Q[j] ? length : 0;
     if (Q[j]) [q[2 * j], q[2 * j + 1]] = takeOut(left, Q[j]);
   }
@@ -141,7 +141,7 @@ function predictions(rows, {S, q, K}) {
   return out;
 }
 
-// Chebyshev nodes that hold wavenumbers up to 2 k along an edge, and the matrix from them to places on it.
+// Chebyshev nodes that hold wavenumbers up to 2 k along an edge, and the matrix from them to points on it.
 const nodesOf = count => Array.from({length: count}, (_, i) => Math.cos(Math.PI * (i + 0.5) / count));
 const nodeCount = (k, edge) => 2 * Math.ceil((k * edge + 10 + 3 * Math.cbrt(k * edge)) / 2);
 function ontoPlaces(count, places) {  // places: -1 to 1

@@ -18,7 +18,7 @@ function modeIndices() {
 function requestMap() {
   if (!maps || !$("map").checked) return;
   const n = subject(), indices = modeIndices();
-  const moved = own ? own.places.map((p, i) => i == n ? "" : p).join() : "";  // where the viewer has moved the others
+  const moved = own ? own.places.map((p, i) => i == n ? "" : p).join() : "";  // where the user has moved the others
   wanted = {t: at, n, indices, moved, objective, key: [at, n, indices[0], indices.length, moved, objective].join()};
   if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
 }
@@ -78,7 +78,7 @@ function finished(job, found, lattice) {
   return {...job, lattice, cost, image, minima, low: low_db, high: high_db, bottom, peak};
 }
 
-// Depth of the map below the floor at a place, metres: of a plane scene the view 3-D shows a relief.
+// Depth of the map below the floor at a point, metres: the view 3-D shows a plane scene as a relief.
 const RELIEF = 0.22;  // of the longer edge of the map
 const reliefShown = () => D == 2 && !flat && mapShown();
 function depth([x, y]) {
@@ -86,8 +86,8 @@ function depth([x, y]) {
   const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.bottom / 10))) - map.peak;
   return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.peak - map.bottom, 1e-9);
 }
-// Whether a relief hides a place on it: ground on the way to the viewer stands above the line of sight.
-const RAY = 40;  // places on that way
+// Whether a relief hides a point on it: somewhere towards the viewer the relief is above the line of sight.
+const RAY = 40;  // points that are tested on the line of sight
 function hidden([x, y]) {
   if (!reliefShown()) return false;
   const away = Math.cos(eye.elevation), way = [-Math.sin(eye.azimuth) * away, -Math.cos(eye.azimuth) * away, Math.sin(eye.elevation)];

@@ -10,7 +10,7 @@ function takeOver() {
 }
 function giveBack() { own = rolling = null; }
 
-// Where a point of the canvas lies at the height z, metres.
+// The point at the height z that a pixel of the canvas shows, metres.
 function placeAt(e, z) {
   const box = view.getBoundingClientRect(), [project] = projector(view.clientWidth, view.clientHeight);
   const o = project([0, 0, z]), a = project([1, 0, z]).map((v, i) => v - o[i]), b = project([0, 1, z]).map((v, i) => v - o[i]);
@@ -50,7 +50,7 @@ function roll(time) {
   own.path = null; rolling = null;
   landed(n, over);
 }
-// Names the hole of a map in which microphone n has come to rest, and whether the true position lies in it.
+// Names the local minimum in which microphone n has come to rest, and whether the true position is in its basin.
 function landed(n, over) {
   const [x, y] = own.places[n], sure = truth && data.reference == "true", apart = p => Math.hypot(p[0] - x, p[1] - y);
   const hole = [...over.minima.lowest, ...over.minima.others].some(p => apart(p) < 2 * over.lattice.step);
@@ -105,7 +105,7 @@ function nearestLower(cost, nx, ny, [i, j], level) {
   }
   return null;
 }
-// The cost of a map at a place, dB.
+// The cost of a map at a point, dB.
 function level({cost, lattice}, place) {
   const [nx, ny] = lattice.shape, [i, j] = [0, 1].map(axis => Math.min(Math.max((place[axis] - lattice.places[axis][0]) / lattice.step, 0), lattice.shape[axis] - 1));
   const a = Math.min(Math.floor(i), nx - 2), b = Math.min(Math.floor(j), ny - 2), u = i - a, v = j - b, at = b * nx + a;
@@ -143,7 +143,7 @@ function takeSteps(count) {
   show();
 }
 
-// The opening: lower and lower modes are added to the map, until one hole is left, into which the microphone rolls.
+// The opening: lower and lower modes are added to the map until one minimum is left, and the microphone rolls into it.
 let opening = false;
 async function open() {
   const high = (chosen ?? [0, maps.modes.at(-1)])[1], pause = seconds => new Promise(resolve => setTimeout(resolve, 1e3 * seconds));
@@ -152,7 +152,7 @@ async function open() {
     $("words").textContent = words;
     if (room) show();
   };
-  let places = null;  // the holes of the first map
+  let places = null;  // the local minima of the first map
   opening = true; at = 0; giveBack();
   for (let low = high, added = 1; opening; low = Math.max(low - added, 1), added = low > high - 4 ? 1 : 2 * added) {
     chosen = [low, high]; show();
@@ -163,7 +163,7 @@ async function open() {
     say(`${count == 1 ? "One frequency" : `${count} frequencies`}: ${left} place${left == 1 ? " fits" : "s fit"}`);
     await pause(left > 1 ? 3 : 0.5);
     if (opening && low == 1) {
-      // it rolls from the hole of the first map from which the way home is longest
+      // it rolls from that minimum of the first map from which the path to the last one is longest
       const home = path => Math.hypot(...path.at(-1).map((v, i) => v - map.minima.lowest[0][i])) < 2 * map.lattice.step;
       const ways = places.map(place => downhill(map, place)).filter(home), start = ways.reduce((a, b) => b.length > a.length ? b : a, [map.minima.lowest[0]])[0];
       takeOver(); own.places[map.n].splice(0, 2, ...start); release(map.n); await pause(1.5 + ROLL / 1e3);

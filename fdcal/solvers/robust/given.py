@@ -144,7 +144,7 @@ def inaccurate(state: State) -> bool:
 
 
 # distance from the array, over the median distance or sigma, beyond which a given position does not count when the
-# array is moved onto them; without this rule 1 of 32 arrays with wrong given positions is not found
+# array is moved onto the given positions; without this rule 1 of 32 arrays with wrong given positions is not found
 GIVEN_OUTLIER = 3.0
 
 

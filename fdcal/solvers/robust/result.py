@@ -1,7 +1,7 @@
 """What the likelihood solver has found, as `fdcal.solvers.interface.Estimate`.
 
-The covariance of the positions comes from `spread`. The test whether given positions and pressures agree is that the
-array without given positions is hardly likelier:
+The covariance of the positions comes from `spread`. Given positions and pressures agree if an array that is found
+without given positions is hardly likelier. The test statistic is
 
     S = prior(x) + cost(x) - min cost      with the minimum over arrays without given positions
 
@@ -90,7 +90,8 @@ def estimate_at(
         objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
         state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
     found = result(problem, replace(state, converged=converged, finished=True))
-    # The minimum of the other cost is elsewhere, so that a Newton step of the likelihood does not mean an early end.
+    # The minimum of the other cost is elsewhere: a remaining Newton step of the likelihood does not mean that the
+    # solver stopped early.
     spread = replace(found.spread, step=np.zeros_like(found.spread.step))
     return replace(found, spread=spread, interpolates=True)
 

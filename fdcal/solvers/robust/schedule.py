@@ -1,7 +1,7 @@
 """Where a run begins, and what follows a stage: the next one, another round, another restart, or the end.
 
     search    starts, each fitted from low to high frequencies (`search`)
-    restart   from one of the likeliest arrays that were found: the stages free, and gains in several rounds
+    restart   from one of the likeliest arrays that were found: stage "free", then stage "gains" in several rounds
     final     in several rounds from the likeliest optimum; then the run ends
 
 `after_stage` decides what follows a stage.

@@ -6,8 +6,8 @@
     H_b    part of H that belongs to block b
 
 H is computed with a field that is `WEAKER_FIELD` times as powerful. This weakens the prior of an isotropic field: a
-direction that becomes uncertain by it was determined by that prior and not by the wave equation. Without given
-positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its frame.
+combination of positions that becomes uncertain by it was determined by that prior and not by the wave equation. Without
+given positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its frame.
 
 A room is not the random field of the model, so that its blocks disagree by more, or less, than H says. The sandwich
 estimator measures this (Huber 1967, White 1980), with the leverage of each block corrected as if the block were left
@@ -16,7 +16,7 @@ out (MacKinnon and White 1985):
     J = sum_b H^-1 g_b g_b^T (H - H_b)^-1,    Q = P (sum_b H_b) P,    dispersion = tr J / tr Q
 
 The traces are over the coordinates of healthy microphones. Where the model holds, J equals Q on average: the part of P
-that is due to errors of the data. The other part is due to the priors, and blocks cannot show it.
+that is due to errors of the data. The other part of P is due to the priors, and the blocks hold no information on it.
 
 Where short windows count (`windows`) the likelihood is tempered, and H takes the field as it is.
 """

@@ -5,7 +5,8 @@ other sites, pages of other programs on this machine, and programs that send no 
 share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops updates
 that are not values of their control. It changes private parts of viser, whose version is therefore pinned.
 
-GuardedConnection   passes on only messages that `client_values` accepts, at a bounded rate, to a client that reads
+GuardedConnection   passes on only messages that `client_values` accepts, at a bounded rate, and disconnects a client
+                    that does not read
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 open_server         the server
 """

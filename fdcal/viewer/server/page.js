@@ -1,11 +1,11 @@
-// Runs before viser's own script. It gives the page what viser has not:
+// Runs before viser's own script. It adds to the page what viser lacks:
 //
 //   labels      the texts of the scene, outlined, without those that would cover others (scene3d.py)
 //   overlay     regions on the canvas, whose HTML the server sends in hidden controls (html.py)
 //   commands    what is pressed or set there, sent as text: "play", "modes=12"
 //   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
 //               that comes back with the address that it has written itself, to the server that it wrote it for, changes
-//               nothing there: others may have gone on meanwhile
+//               nothing there: other browsers may have continued meanwhile
 //   theme       the browser's preference, when the page opens and when it changes
 //   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
 //               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
@@ -199,14 +199,14 @@ function followScene() {
   placeLabels(camera);
 }
 
-// What is dragged has an unseen disc, which would cut a hole into whatever is translucent behind it.
+// The handle that is dragged is an invisible disc, which would hide whatever is translucent behind it.
 function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
     if (/^\/picking\//.test(name))
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
 }
 
-// From the top those of the heights would be a blob, as their numbers would.
+// From the top the ticks of the z axis would lie on each other, as their numbers would.
 function showTicks() {
   const ticks = window.__viserMutable.nodeRefFromName["/frame_ticks"];
   if (ticks) ticks.visible = upright;
