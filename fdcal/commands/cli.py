@@ -303,8 +303,14 @@ def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, a
 @commands.command()
 def scenes():
     """List the scenes that come with fdcal."""
+    faults = []
     for name in scene_names():
-        print(f"{name:<16} {load_scene(name).title}")
+        try:
+            print(f"{name:<16} {load_scene(name).title}")
+        except InputError as error:  # the others are listed all the same
+            faults.append(error)
+    if faults:
+        raise faults[0]
 
 
 @commands.command()

@@ -127,6 +127,9 @@ class Number(click.FloatRange):
             self.fail(f'"{value}" is not a finite number', param, ctx)
         return number
 
+    def _describe_range(self) -> str:
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
 
 def search_domain(own: Search | None, dimension: int, search: Sequence[float] | None, radius: float | None):
     """Return the search domain of --search and --radius; values that are not given are those of the domain `own`."""

@@ -23,6 +23,7 @@ import math
 import os
 import typing
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +34,18 @@ from .measurement import Measurement, load_measurement
 from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed, Whole
 from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
 from .storage import parse_toml, read_bytes
-from .validation import LIMITS, InputError, StorageError, build, check, refusal, require_choice, require_point, shown
+from .validation import (
+    LIMITS,
+    InputError,
+    StorageError,
+    build,
+    check,
+    naming,
+    refusal,
+    require_choice,
+    require_point,
+    shown,
+)
 
 SUFFIX = ".mat"
 UNKNOWN_WALLS = "unknown"  # room.walls of a measured room
@@ -570,7 +582,12 @@ def load_scene(path: str | Path) -> Scene:
     >>> load_scene("tiny").room.size
     (1.68, 1.2)
     """
-    table = scene_table(path)
+    with naming(path):
+        return _scene_of(scene_table(path))
+
+
+def _scene_of(table: Mapping[str, Any]) -> Scene:
+    """Return the scene of a table as of `scene_table`."""
     if not isinstance(table.get("measurement"), str):
         return build(Scene, table)
     for key, value in table.items():

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -289,6 +290,9 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
         names, positions = read_places(text)
         return np.array([_index_of(recording, name, "known") for name in names]), positions
     if recording.positions is None:
+        if Path(text).suffix and os.path.isfile(text):
+            fault = f"known = {text}: positions are not read from a file {Path(text).suffix}"
+            raise InputError(fault, f"give a file {', '.join(sorted(READERS))}", key="known")
         problem = f"known = {text}: {recording.path} contains no positions"
         raise InputError(problem, "give a table: <known> FILE", key="known")
     indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 from running import done, exit_code
 
+from fdcal.commands import cli
 from fdcal.cost.eq7 import ReferenceCost
 from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.marks import ESTIMATE
@@ -151,7 +152,18 @@ def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painte
 def test_scenes_and_help(tmp_path):
     assert "tiny" in done("scenes", folder=tmp_path)
     assert "calibrate" in done(folder=tmp_path)
-    assert "ORIGIN,SIZE,STEP" in done("calibrate", "--help", folder=tmp_path)
+    printed = done("calibrate", "--help", folder=tmp_path)
+    assert "ORIGIN,SIZE,STEP" in printed and "None]" not in printed
+
+
+def test_a_damaged_scene_is_named_and_the_others_are_listed(tmp_path, monkeypatch, capsys):
+    (tmp_path / "bad.toml").write_text("sed = 3\n")
+    assert exit_code("calibrate", tmp_path / "bad.toml") == 2
+    assert f"{tmp_path / 'bad.toml'}: sed is not a key" in capsys.readouterr().err
+    monkeypatch.setattr(cli, "scene_names", lambda: [str(tmp_path / "bad.toml"), "tiny"])
+    assert exit_code("scenes") == 2
+    out, errors = capsys.readouterr()
+    assert out.startswith("tiny ") and "bad.toml: sed" in errors
 
 
 def test_app_py_opens_the_page(monkeypatch, capsys):

@@ -13,7 +13,7 @@ from fdcal.graphics import marks, primitives
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import with_floor
 from fdcal.model.settings import Search
-from fdcal.viewer import plots
+from fdcal.viewer.tabs import curves as plots
 from fdcal.viewer.tabs import map as spectrum_plot
 
 

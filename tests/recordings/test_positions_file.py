@@ -8,6 +8,7 @@ import zipfile
 import numpy as np
 import pytest
 import sofar
+import soundfile
 from recorded import write_places
 from running import exit_code, refuses
 
@@ -275,6 +276,14 @@ def test_a_list_of_some_microphones_is_for_known(tmp_path, capsys):
     assert exit_code("calibrate", "tiny", "--check", "--positions", some) == 2
     error = capsys.readouterr().err
     assert "4 positions are given for 16 microphones;" in error and "give the list as --known" in error
+
+
+def test_positions_of_an_unknown_kind_of_file_are_said_to_be_so(tmp_path, capsys):
+    (tmp_path / "places.psv").write_text("name|x|y\n0|1|2\n")
+    soundfile.write(tmp_path / "one.wav", np.random.default_rng(0).normal(size=(8000, 4)) / 10, 8000)
+    assert exit_code("calibrate", tmp_path / "one.wav", "--known", tmp_path / "places.psv") == 2
+    error = capsys.readouterr().err
+    assert "positions are not read from a file .psv; give a file .cfg, .csv" in error
 
 
 def test_a_list_without_check_points_to_it(exchanged, capsys):
