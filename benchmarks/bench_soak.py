@@ -21,7 +21,7 @@ from .protocol import ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
-PAGES, SCENE = 2, "tiny"
+PAGES, SCENE, OTHER = 2, "tiny", "fig1_square"
 PRESSES, ROUNDS = int(os.environ.get("FDCAL_SOAK_PRESSES", "3000")), 6
 PAUSE, SETTLE = 0.3, 60.0  # s at most between what one presses, and until nothing is computed any more
 WAIT = 300.0  # s at most for a page that opens a scene
@@ -86,6 +86,7 @@ def run() -> Iterator[Figure]:
                 rng.choice(pages).press(rng)
                 time.sleep(rng.uniform(0, PAUSE))
                 during.append(_taken(served))
+            pages[0].set("Scene", OTHER)  # choosing another scene takes back what was typed in the fields of this one
             switch(pages[0], SCENE, False, WAIT)
             settle(served, SETTLE)
             rested.append(_taken(served))
