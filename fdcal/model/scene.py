@@ -23,7 +23,6 @@ import math
 import os
 import typing
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -586,7 +585,7 @@ def load_scene(path: str | Path) -> Scene:
         return _scene_of(scene_table(path))
 
 
-def _scene_of(table: Mapping[str, Any]) -> Scene:
+def _scene_of(table: dict[str, Any]) -> Scene:
     """Return the scene of a table as of `scene_table`."""
     if not isinstance(table.get("measurement"), str):
         return build(Scene, table)
