@@ -142,6 +142,12 @@ def test_the_search_ends_when_two_starts_agree_and_none_has_ended_elsewhere():
     assert search.is_complete(problem, replace(state, starts=(enough, elsewhere)))
 
 
+def test_arrays_whose_covariance_is_singular_are_refined_if_there_are_no_others():
+    problem, state, x = three_wavelengths()
+    one = replace(search.fitted(problem, state, x, len(K)), cost=np.inf)
+    assert search.likely(problem, replace(state, starts=(one,))) == (one,)
+
+
 def test_the_likeliest_candidate_is_the_array_and_others_are_different_arrays():
     problem, state, x = three_wavelengths(0.1)
     begun = searched(problem, state)

@@ -18,10 +18,10 @@ class Client:
     client_id = 7
 
     def __init__(self):
-        self.told = []
+        self.notified = []
 
     def add_notification(self, title, body, **_):
-        self.told.append(body)
+        self.notified.append(body)
 
 
 def command(page, text, client=None):
@@ -102,10 +102,10 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     for name in ("1", "1_m"):  # its number, and the beginning of its name
         page.lessons.leave()
         command(page, f"open=lesson={name}", client)
-        assert page.lessons.progress.lesson is lesson, client.told
+        assert page.lessons.progress.lesson is lesson, client.notified
         turn_until(lambda: page.switcher.idle)
     command(page, "open=lesson=1_many_minima&part=99", client)
-    assert "there is no step 99" in client.told[0]
+    assert "there is no step 99" in client.notified[0]
 
 
 NOT_THERE = (
@@ -121,8 +121,8 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
     for part in NOT_THERE:
         client = Client()
         command(page, f"open={part}", client)
-        assert len(client.told) == 1 and "\n" not in client.told[0], part
-    assert "100%25" in client.told[0] and "100%2525" not in client.told[0], "decoded once"
+        assert len(client.notified) == 1 and "\n" not in client.notified[0], part
+    assert "100%25" in client.notified[0] and "100%2525" not in client.notified[0], "decoded once"
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
         page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
     assert page.viewer.binding.choices is before and page.switcher.idle

@@ -46,7 +46,7 @@ def step(problem: Problem, state: State) -> State:
     for number, one, x in _starts(problem, state, state.progress.steps):
         try:
             found = _with_start(problem, state, one, x)
-        except np.linalg.LinAlgError as error:  # the modes do not determine this start
+        except (InputError, np.linalg.LinAlgError) as error:  # the modes do not determine this start
             failure = error
             continue
         best, progress = found[0].positions, replace(state.progress, steps=number + 1)
@@ -72,7 +72,7 @@ def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
     found: tuple[FittedStart, ...] = state.starts or ()
     limit = min((one.cost for one in found), default=0.0) + WORSE
     count = 1 if _windows_suffice(problem, found) else MAX_RESTARTS
-    return tuple(one for one in found if one.cost < limit)[:count]
+    return tuple(one for one in found if one.cost <= limit)[:count]  # equal where all costs are infinite
 
 
 def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
