@@ -15,6 +15,7 @@ from fdcal.model.measurement import Measurement, load_measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
 from fdcal.session.session_file import read_states, write_states
+from fdcal.solvers import starts
 from fdcal.solvers.interface import Estimate
 from fdcal.solvers.robust.result import estimate_at
 from fdcal.viewer import opening
@@ -42,7 +43,7 @@ ENDS: dict[bytes, Solved] = {}  # of this process: many tests start from the sam
 def solved(measurement, solver: str = "robust", **settings) -> Solved:
     """Solve `measurement`, with all of its modes unless `modes` says otherwise; the same again is not solved again."""
     chosen = SolverSettings(**{"name": solver, "modes": len(measurement.frequencies), **settings})
-    key = hashlib.sha256(pickle.dumps((measurement, chosen))).digest()
+    key = hashlib.sha256(pickle.dumps((measurement, chosen, starts.RANDOM_STARTS))).digest()
     if key not in ENDS:
         ENDS[key] = solved_anew(measurement.problem("unit", chosen.known), chosen)
     return ENDS[key]
@@ -50,12 +51,7 @@ def solved(measurement, solver: str = "robust", **settings) -> Solved:
 
 def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
     *_, state = solvers.run(problem, settings, 0)
-    return ended(problem, state)
-
-
-def ended(problem: Problem, state: Any) -> Solved:
-    """What is said of the last state of a run."""
-    estimate = solvers.load(state.settings.name).result(problem, state)
+    estimate = solvers.load(settings.name).result(problem, state)
     return Solved(problem, state, estimate, assess(estimate))
 
 

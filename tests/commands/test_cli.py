@@ -90,13 +90,6 @@ def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altere
     assert {result["mean_error_m"] is None, result["max_error_m"] is None, "unknown" in out} == {not true}
 
 
-def test_the_seed_draws_a_random_start(calibrated):
-    start = ("--solver", "joint", "--modes", 12, "--start")
-    one, two, three, four = (calibrated("--seed", s, *start, kind)[1] for kind in ("affine", "random") for s in (0, 1))
-    assert one["positions"] == two["positions"]
-    assert three["sweeps"] != four["sweeps"], "another way, though perhaps to the same place"
-
-
 def test_noise_is_estimated_where_none_is_reported_and_where_the_pressures_contradict_what_is_stated(
     calibrated, altered
 ):

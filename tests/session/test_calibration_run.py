@@ -34,12 +34,6 @@ def blind(remembered_runs):
     return run
 
 
-def test_the_sound_speed_follows_the_distance(blind):
-    found = blind(1.02, "joint")
-    assert found.verdict == "good"
-    assert found.sound_speed == pytest.approx(343 * 1.02, rel=5e-3)
-
-
 @pytest.mark.parametrize(("factor", "solver"), [(1.12, "robust"), (300.0, "joint")])
 def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
     found = blind(factor, solver)

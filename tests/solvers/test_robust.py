@@ -1,13 +1,12 @@
 """The solver `robust`: gains come back, faults are found, positions stay; in a measured room and in space, too."""
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from fields import rigid_room, room_frequencies
-from solving import ended, rms, rms_of_shape, run_from, same_state, saved_and_read, solved
+from fields import rigid_room, room_frequencies, waves
+from solving import rms, rms_of_shape, solved
 
 from fdcal import calibrate
 from fdcal.acoustics.box_field import point_source_pressures
@@ -15,10 +14,8 @@ from fdcal.acoustics.measure import measure
 from fdcal.commands.report import summary
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import Room, load_scene
-from fdcal.model.settings import SolverSettings
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import scene_input
-from fdcal.solvers import load
 from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses
 
 SIZE, SOURCE, SNR = (5.2, 4.1), (4.8, 3.7), 40.0  # metres, metres, dB
@@ -61,14 +58,11 @@ def spoiled():
         return p
 
     measurement = measured(change)
-    problem, settings = measurement.problem("unit"), SolverSettings(name="robust", modes=MODES)
-    solver = load("robust")
-    states = run_from(solver, problem, solver.init(problem, settings, 0))
-    return measurement, gains, ended(problem, states[-1]), states
+    return measurement, gains, solved(measurement)
 
 
 def test_faulty_channels_are_named_and_the_others_are_right(spoiled):
-    measurement, gains, end, _ = spoiled
+    measurement, gains, end = spoiled
     assert dict(end.faulty) == {3: "inverted", 8: "dead"}
     assert end.assessment.verdict == "good"
     healthy = np.setdiff1d(np.arange(COUNT), [3, 8])
@@ -78,14 +72,6 @@ def test_faulty_channels_are_named_and_the_others_are_right(spoiled):
     assert np.sqrt(np.mean((20 / np.log(10) * error[:, 0]) ** 2)) < 0.25  # dB
     assert np.sqrt(np.mean(np.degrees(error[:, 1]) ** 2)) < 1.5  # degrees
     assert np.mean(np.abs(error) < 2.5 * end.estimate.channels.gain_sigma[healthy]) > 0.85
-
-
-def test_a_run_continues_from_every_state_as_if_it_was_never_interrupted(spoiled):
-    """A step from what was saved and read leads to the next state."""
-    _, _, end, states = spoiled
-    solver = load("robust")
-    for state, following in list(pairwise(states))[::16]:
-        assert same_state(solver.step(end.problem, saved_and_read(end.problem, state)), following)
 
 
 def test_few_microphones_in_space_keep_the_noise_that_there_is():
@@ -130,6 +116,19 @@ def test_without_noise_the_starts_agree_and_one_restart_is_enough():
     end = solved(measurement)
     assert len(end.state.optima) == 1 and end.assessment.verdict == "good" and not end.faulty
     assert rms(end.assessment.positions, measurement.positions) < 1e-4
+
+
+def test_an_array_of_three_wavelengths_with_a_noisy_and_an_inverted_channel_is_found_blind():
+    rng, frequencies = np.random.default_rng(6), np.linspace(40.0, 320.0, 48)
+    x = rng.uniform(0, 3.2, (42, 2))
+    p = waves(x, 2 * np.pi * frequencies / 343.0, 40, rng, 1e-4)
+    p[:, 7] *= -1
+    p[:, 20] = (rng.normal(size=48) + 1j * rng.normal(size=48)) / np.sqrt(2)
+    state = solved(Measurement(pressures=p, frequencies=frequencies, sound_speed=343.0)).state
+    healthy = np.arange(42) != 20
+    assert rms_of_shape(state.positions[healthy], x[healthy]) < 5e-3
+    assert state.model.channel_noise[20] > 100
+    assert abs(state.gains[7, 1]) == pytest.approx(np.pi, abs=0.1)
 
 
 # Delays and high-passes of all channels: they are found, and cost nothing where there are none.
@@ -207,7 +206,7 @@ def test_the_listening_lab_is_found_blind():
 
 
 ROOM = Room(size=(4.6, 3.8, 2.7), walls="rigid")
-SIDE, PLANE_MODES, PLANE_SNR = 7, 50, 40.0  # microphones, modes, dB
+SIDE, PLANE_MODES, PLANE_SNR = 5, 50, 40.0  # microphones, modes, dB
 CORNERS = np.array([0, SIDE - 1, SIDE * (SIDE - 1), SIDE**2 - 1])
 
 

@@ -19,7 +19,7 @@ from fdcal.commands.cli import main
 unneeded = {"numba", "llvmlite", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL"}
 unneeded |= {"soundfile", "h5py"}
 atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
-main(["calibrate", sys.argv[1]])
+main(["calibrate", sys.argv[1], "--modes", "12"])
 """
 
 
