@@ -23,7 +23,7 @@ def directions(count, dimension, rng):
 
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
-    x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (20, 3))
+    x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (18, 3))
     f = np.linspace(60, 400, MODES)
     r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
@@ -35,7 +35,7 @@ def plate():
     return disc(24), f, waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)
 
 
-def rigid_sphere(count=20, radius=0.1):
+def rigid_sphere(count=18, radius=0.1):
     """Total pressure of plane waves on a rigid sphere (Morse and Ingard, Theoretical Acoustics, 8.2)."""
     i = np.arange(count) + 0.5
     z, t = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
@@ -46,12 +46,8 @@ def rigid_sphere(count=20, radius=0.1):
         amplitude, p = rng.normal(size=8) + 1j * rng.normal(size=8), np.zeros(count, complex)
         for degree in range(int(k * radius) + 12):
             slope = spherical_jn(degree, k * radius, True) - 1j * spherical_yn(degree, k * radius, True)
-            p += (
-                (2 * degree + 1)
-                * 1j ** (degree - 1)
-                / ((k * radius) ** 2 * slope)
-                * (eval_legendre(degree, cosine) @ amplitude)
-            )
+            scattered = (2 * degree + 1) * 1j ** (degree - 1) / ((k * radius) ** 2 * slope)
+            p += scattered * (eval_legendre(degree, cosine) @ amplitude)
         rows.append(p)
     return radius * u, f, np.array(rows)
 

@@ -20,33 +20,19 @@ from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 
 
-@pytest.fixture(scope="module")
-def blind(remembered_runs):
-    measurement = replace(fdcal.load("tiny"), known=(), known_positions=None)  # which would contradict the distance
-    true = float(((measurement.positions[0] - measurement.positions[15]) ** 2).sum() ** 0.5)
-
-    def run(metres: float, solver: str):
-        length = (0, 15, metres * true)
-        return fdcal.calibrate(
-            measurement, known="none", solver=solver, distance=length, estimate_sound_speed=True, modes=20
-        )
-
-    return run
-
-
-@pytest.mark.parametrize(("factor", "solver"), [(1.12, "robust"), (300.0, "joint")])
-def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
-    found = blind(factor, solver)
+@pytest.mark.parametrize(("solver", "distance"), [("robust", 1.12), ("joint", 300.0), ("robust", None)])
+def test_a_distance_or_given_positions_that_no_air_explains_are_doubted(solver, distance):
+    measurement, options = fdcal.load("tiny"), {"solver": solver, "estimate_sound_speed": True, "modes": 20}
+    x = measurement.positions
+    if distance is None:
+        found = fdcal.calibrate(measurement, known={n: 0.85 * x[n] for n in (0, 5, 7)}, **options)
+    else:  # without known microphones, which would contradict the distance
+        blind = replace(measurement, known=(), known_positions=None)
+        length = (0, 15, distance * float(np.linalg.norm(x[0] - x[15])))
+        found = fdcal.calibrate(blind, known="none", distance=length, **options)
     assert found.verdict == "sound_speed"
-    assert "the distance or the sound speed is wrong" in found.verdict_text
-
-
-def test_given_positions_that_no_air_explains_are_doubted():
-    measurement = fdcal.load("tiny")
-    known = {n: 0.85 * measurement.positions[n] for n in (0, 5, 7)}
-    found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True, modes=20)
-    assert found.verdict == "sound_speed"
-    assert "the position of a microphone or the sound speed is wrong" in found.verdict_text
+    doubted = "the distance" if distance else "the position of a microphone"
+    assert f"{doubted} or the sound speed is wrong" in found.verdict_text
 
 
 @pytest.mark.parametrize("given", [{"distance": (0, 15, None), "known": "none"}, {}])

@@ -75,23 +75,17 @@ def disturbed(measured: Measurement) -> Measurement:
 
 
 @pytest.mark.parametrize(
-    ("change", "size", "code", "words"),
+    ("measured", "size", "codes", "words"),
     [
-        (replace, "6.06x5.05", "room_size", "correct --room"),
-        (disturbed, "6x5", "odd_channel", "--exclude 3"),
+        (measurement(), "6.06x5.05", {"room_size"}, "correct --room"),
+        (disturbed(measurement()), "6x5", {"odd_channel"}, "--exclude 3"),
+        (measurement(noise_reported=False), "6.06x5.05", {"room_size", "model_mismatch"}, ""),
     ],
 )
-def test_an_untrustworthy_result_is_reported_with_its_cause(calibrate, change, size, code, words):
-    exit_code, out, _, result = calibrate(change(measurement()), "--room", size)
-    assert (exit_code, result["verdict"]) == (4, code), result["verdict_text"]
-    assert words in result["verdict_text"]
+def test_an_untrustworthy_result_is_reported_with_its_cause(calibrate, measured, size, codes, words):
+    exit_code, out, _, result = calibrate(measured, "--room", size)
+    assert exit_code == 4 and result["verdict"] in codes and words in result["verdict_text"], result["verdict_text"]
     assert result["verdict_text"] in " ".join(out.split())
-
-
-def test_a_room_size_wrong_by_one_percent_is_not_good_without_reported_noise(calibrate):
-    code, _, _, result = calibrate(measurement(noise_reported=False), "--room", "6.06x5.05")
-    assert code == 4
-    assert result["verdict"] in ("room_size", "model_mismatch")
 
 
 def test_modes_chosen_by_the_user_must_be_enough():
