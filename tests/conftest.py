@@ -191,26 +191,13 @@ def edited(tmp_path):
 
 
 def _edit(text: str, changes: dict[str, str | None]) -> str:
-    tables: dict[str, dict[str, str]] = {"": {}}
-    table = ""
-    for line in text.splitlines():
-        code = line.split("#")[0].strip()
-        if code.startswith("["):
-            table = code.strip("[]")
-            tables[table] = {}
-        elif code:
-            key, value = code.split("=", 1)
-            tables[table][key.strip()] = value.strip()
+    head, *parts = re.split(r"(?m)^\[(\w+)\]", text)
+    tables = {"": head, **dict(zip(parts[::2], parts[1::2], strict=True))}
     for path, value in changes.items():
         table, _, key = path.rpartition(".")
-        tables.setdefault(table, {}).pop(key, None)
-        if value is not None:
-            tables[table][key] = value
-    lines = []
-    for table, keys in tables.items():
-        lines += [f"[{table}]"] if table else []
-        lines += [f"{key} = {value}" for key, value in keys.items()]
-    return "\n".join(lines) + "\n"
+        lines = [line for line in tables.get(table, "").splitlines() if line.partition("=")[0].strip() != key]
+        tables[table] = "\n".join([*lines, *([] if value is None else [f"{key} = {value}"]), ""])
+    return "".join(f"[{name}]\n{lines}" if name else lines for name, lines in tables.items())
 
 
 def pytest_collection_finish() -> None:

@@ -22,13 +22,8 @@ TIME = np.arange(round(FS * T)) / FS
 
 
 @pytest.fixture(scope="module")
-def tiny():
-    return load_scene("tiny")
-
-
-@pytest.fixture(scope="module")
-def recordings(tiny):
-    return cached_recordings(tiny)
+def recordings(scene):
+    return cached_recordings(scene)
 
 
 def picked_modes(recordings, fs, lowest, highest, prominence_db, resolution):
@@ -46,10 +41,10 @@ def eigenfrequencies(scene):
     return np.unique(np.arcsin(sine.ravel()) * fs / np.pi)[1:]
 
 
-def test_peaks_are_the_eigenfrequencies(tiny, recordings):
-    sensing = tiny.measurement
-    picked = picked_modes(recordings, tiny.source.sample_rate, sensing.lowest, sensing.highest, 1.0, sensing.resolution)
-    modes = eigenfrequencies(tiny)
+def test_peaks_are_the_eigenfrequencies(scene, recordings):
+    sensing, fs = scene.measurement, scene.source.sample_rate
+    picked = picked_modes(recordings, fs, sensing.lowest, sensing.highest, 1.0, sensing.resolution)
+    modes = eigenfrequencies(scene)
     modes = modes[modes < sensing.highest]
     nearest = np.abs(picked[:, None] - modes)
     assert np.all(np.diff(picked) > 0)
@@ -94,8 +89,8 @@ def test_transform_is_the_sum_it_says():
         (lambda _: spectrum.wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0), r"measurement\.highest"),
     ],
 )
-def test_what_has_no_spectrum_is_refused(tiny, call, words):
-    refuses(words, call, tiny)
+def test_what_has_no_spectrum_is_refused(scene, call, words):
+    refuses(words, call, scene)
 
 
 @pytest.mark.parametrize("s", [0.0, 3.0])
@@ -126,13 +121,13 @@ def residual(positions, pressures, k, radius, offset):
     return np.linalg.norm(pressures - W @ np.linalg.lstsq(W, pressures)[0]) / np.linalg.norm(pressures)
 
 
-def test_pressures_solve_helmholtz_the_better_the_higher_the_order(tiny):
+def test_pressures_solve_helmholtz_the_better_the_higher_the_order(scene):
     angle = 2 * np.pi * np.arange(48) / 48
     ears = np.array([0.7, 0.54]) + 0.2 * np.column_stack([np.cos(angle), np.sin(angle)])
     ears = np.unique((np.floor(ears / 0.04) + 0.5) * 0.04, axis=0)
-    fs, room = tiny.source.sample_rate, tiny.room
-    sound = simulate(room, tiny.source, ears)
-    f, s = eigenfrequencies(tiny)[:5], spectrum.window_rate(sound, fs)
+    fs, room = scene.source.sample_rate, scene.room
+    sound = simulate(room, scene.source, ears)
+    f, s = eigenfrequencies(scene)[:5], spectrum.window_rate(sound, fs)
     k = spectrum.wavenumber_discrete(f, s, room.sound_speed, room.cell, fs)
     rows = list(zip(spectrum.laplace_transform(sound, fs, s, f), k, strict=True))
     errors = [np.mean([residual(ears, p, k, 0.25, offset) for p, k in rows]) for offset in range(4)]
@@ -143,9 +138,9 @@ def test_pressures_solve_helmholtz_the_better_the_higher_the_order(tiny):
     assert np.mean([residual(ears, p, k, 0.25, 3) for p, k in untreated]) > 5 * errors[3]
 
 
-def test_noise_has_the_power_asked_for(tiny, recordings):
-    noisy = replace(tiny, measurement=replace(tiny.measurement, snr_db=20.0))
-    clean, measured = measure(tiny, recordings), measure(noisy, recordings)
+def test_noise_has_the_power_asked_for(scene, recordings):
+    noisy = replace(scene, measurement=replace(scene.measurement, snr_db=20.0))
+    clean, measured = measure(scene, recordings), measure(noisy, recordings)
     power = np.mean(np.abs(clean.pressures) ** 2, axis=1)
     np.testing.assert_allclose(measured.noise_power, power / 100)
     error = np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None]

@@ -160,11 +160,6 @@ def runs(monkeypatch):
     return seen
 
 
-@pytest.fixture(scope="module")
-def tiny():
-    return load_scene("tiny")
-
-
 def test_a_file_is_written_whole_or_not_at_all_and_not_overwritten_without_force(tmp_path):
     path = tmp_path / "a.txt"
 
@@ -196,54 +191,54 @@ def test_a_file_is_written_whole_or_not_at_all_and_not_overwritten_without_force
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
-def test_recordings_and_measurement_are_made_once(tiny, folder, runs):
-    recordings = cached_recordings(tiny)
-    np.testing.assert_array_equal(cached_recordings(tiny), recordings)
-    cached_recordings(dataclasses.replace(tiny, solver=dataclasses.replace(tiny.solver, modes=5)))
-    first, second = cached_measurement(tiny), cached_measurement(tiny)
+def test_recordings_and_measurement_are_made_once(scene, folder, runs):
+    recordings = cached_recordings(scene)
+    np.testing.assert_array_equal(cached_recordings(scene), recordings)
+    cached_recordings(dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=5)))
+    first, second = cached_measurement(scene), cached_measurement(scene)
     assert len(runs) == 1
     names = {field.name for field in dataclasses.fields(first)} - {"origin"}
     for name in names:
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
-    noisy = dataclasses.replace(tiny, measurement=dataclasses.replace(tiny.measurement, snr_db=20.0))
+    noisy = dataclasses.replace(scene, measurement=dataclasses.replace(scene.measurement, snr_db=20.0))
     assert not np.array_equal(cached_measurement(noisy).pressures, first.pressures)
     assert len(runs) == 1
-    cached_recordings(dataclasses.replace(tiny, source=dataclasses.replace(tiny.source, low=30.0)))
+    cached_recordings(dataclasses.replace(scene, source=dataclasses.replace(scene.source, low=30.0)))
     assert len(runs) == 2
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b"", lambda b: b[:500] + b"x" + b[501:]])
-def test_a_damaged_file_is_replaced(tiny, folder, runs, damage, caplog):
-    first = cached_recordings(tiny)
+def test_a_damaged_file_is_replaced(scene, folder, runs, damage, caplog):
+    first = cached_recordings(scene)
     (file,) = folder.iterdir()
     whole = file.read_bytes()
     file.write_bytes(damage(whole))
     with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(cached_recordings(tiny), first)
+        np.testing.assert_array_equal(cached_recordings(scene), first)
     assert len(runs) == 2
     assert len(caplog.records) == 1 and "damaged" in caplog.text
     assert file.read_bytes() == whole
 
 
-def test_a_complete_file_with_another_content_is_made_again(tiny, folder, caplog):
-    first = cached_measurement(tiny)
+def test_a_complete_file_with_another_content_is_made_again(scene, folder, caplog):
+    first = cached_measurement(scene)
     (file,) = folder.glob("*.npz")
     file.unlink()
     storage.load_or_make(file.name, lambda: b"something else", lambda stream: stream, lambda stream, b: stream.write(b))
     with caplog.at_level(logging.WARNING):
-        np.testing.assert_array_equal(cached_measurement(tiny).pressures, first.pressures)
+        np.testing.assert_array_equal(cached_measurement(scene).pressures, first.pressures)
     assert "cannot be read" in caplog.text
 
 
-def test_a_cache_that_cannot_be_written_stops_nothing(tiny, tmp_path, monkeypatch, caplog):
+def test_a_cache_that_cannot_be_written_stops_nothing(scene, tmp_path, monkeypatch, caplog):
     (tmp_path / "file").touch()
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "file"))
     with caplog.at_level(logging.WARNING):
-        assert cached_recordings(tiny).shape[0] == 16
+        assert cached_recordings(scene).shape[0] == 16
     assert len(caplog.records) == 1 and "nothing is stored" in caplog.text
 
 
-def test_the_least_recently_used_files_are_deleted(tiny, folder, monkeypatch):
+def test_the_least_recently_used_files_are_deleted(scene, folder, monkeypatch):
     folder.mkdir()
     for age, name in enumerate("abcd"):
         file = folder / f"{name * 64}.npy"

@@ -48,17 +48,14 @@ def test_errors_do_not_count_where_the_whole_stands(blind, estimate):
     assert dataclasses.replace(blind, positions=None).errors(estimate) is None
 
 
-def test_the_page_says_so(blind, estimate):
+def test_the_page_and_files_say_so(blind, estimate):
     largest = f"{1e3 * best(estimate).max():.3g}"
     text = error_line(blind.errors(estimate), blind.blind)
     assert text.startswith("error: mean") and f"largest {largest} mm, after alignment" in text
     assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
     assert "align" not in error_line(known.errors(estimate), known.blind)
-
-
-def test_files_say_so(blind, estimate):
     rows = list(csv.DictReader(io.StringIO(position_table(blind, estimate))))
-    reported = [float(row["error_once_aligned_m"]) for row in rows]
-    np.testing.assert_allclose(reported, best(estimate), atol=1e-12)
-    np.testing.assert_allclose([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate, rtol=1e-8)
+    columns = np.array([[float(row[key]) for key in ("error_once_aligned_m", "x_m", "y_m")] for row in rows])
+    np.testing.assert_allclose(columns[:, 0], best(estimate), atol=1e-12)
+    np.testing.assert_allclose(columns[:, 1:], estimate, rtol=1e-8)

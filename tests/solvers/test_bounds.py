@@ -169,17 +169,6 @@ def absurd_inputs(measurement: Measurement, solver: str, limit: float) -> Calibr
     return CalibrationInput("test", None, measurement, settings, 0, time_limit=limit)
 
 
-class Readings:
-    """A clock that goes on by a second each time it is read."""
-
-    def __init__(self):
-        self.count = 0
-
-    def __call__(self) -> float:
-        self.count += 1
-        return float(self.count)
-
-
 CASES = [
     *itertools.product(["noise", "twins", "high"], ["joint", "robust"]),
     ("noise", "descent"),
@@ -190,9 +179,9 @@ CASES = [
 
 @pytest.mark.parametrize(("kind", "solver"), CASES)
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
-    clock = Readings()
-    result = solve(absurd_inputs(absurd(kind), solver, 20.0), clock=clock)
-    assert clock.count == 22  # the first, and the first reading past the limit: nothing goes on after that
+    readings = itertools.count(1.0)  # of a clock that goes on by a second each time it is read
+    result = solve(absurd_inputs(absurd(kind), solver, 20.0), clock=lambda: next(readings))
+    assert next(readings) == 23  # 22 is the first reading past the limit: nothing goes on after that
     assert result.verdict == "not_converged" and not result.converged and "20 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)
 
