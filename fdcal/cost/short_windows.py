@@ -180,10 +180,10 @@ class ShortLikelihood:
         direct = power[:, None, None] * h[:, :, None] * h[:, None].conj()
         C = K[of_group] + noise[:, None, None] * np.eye(N) + direct
         L: Complexes = np.linalg.cholesky(C)
-        inverse: Complexes = np.linalg.inv(C)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
-        p = self.pressures / gain
-        q = np.maximum(np.real(np.sum((np.conj(p) @ inverse) * p, axis=2)), 0.0)
+        white = np.linalg.inv(L) / gain  # p^H C^-1 p is the square of this matrix times p
+        whitened = self.pressures @ white.swapaxes(1, 2)
+        q = np.sum(whitened.real**2 + whitened.imag**2, axis=2)
         counts = q > 0
         windows = counts.sum(axis=1) / self.dispersion
         log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2).real).sum(axis=1)
@@ -193,8 +193,9 @@ class ShortLikelihood:
         if not derivatives:
             return ShortTerms(cost + prior_cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         weight = np.where(counts, N / np.where(counts, q, 1.0), 0.0) / self.dispersion
-        p = p * np.sqrt(weight)[..., None]
-        scatter = p.swapaxes(1, 2) @ np.conj(p)
+        scatter = (self.pressures * weight[..., None]).swapaxes(1, 2) @ np.conj(self.pressures)
+        scatter = scatter / (gain[:, None] * np.conj(gain))
+        inverse: Complexes = np.linalg.inv(C)
         M = windows[:, None, None] * inverse - inverse @ scatter @ inverse
         # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
         rows = [
