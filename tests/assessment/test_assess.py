@@ -172,22 +172,80 @@ EXCLUDED = {
 }  # fmt: skip
 
 
-def first_row(found: Estimate, scale: float | None = None) -> int:
-    seen = judged(found, [str(n) for n in range(len(found.positions))], scale)
-    return next(i for i, row in enumerate(FINDINGS) if row.applies(seen, row.limit))
+IN_ROOM = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
+SIZE = (6.0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def in_room() -> RoomEstimate:
+    """Eight microphones in the rigid room, at 40 dB."""
+    measurement = measured(IN_ROOM, np.array([0, 3]), snr_db=40, seed=2, source=(3.1, 4.4), modes=24)
+    return solved_anew(
+        replace(measurement, search=None).problem(), SolverSettings(name="room", modes=24, room=SIZE)
+    ).estimate
+
+
+def with_worst(e: RoomEstimate) -> RoomEstimate:
+    part = np.array(e.channel_residual)
+    part[2] = 50 * part.max()
+    return replace(e, channel_residual=part)
+
+
+def with_size(e: RoomEstimate, change: float, sigma: float = 1e-4) -> RoomEstimate:
+    return replace(e, better_size=replace(e.better_size, change=np.full(2, change), sigma=np.full(2, sigma)))
+
+
+def with_displaced(e: RoomEstimate, metres: float) -> RoomEstimate:
+    places = np.array(e.problem.known_positions)
+    places[1] = e.positions[3] + [metres, 0.0]
+    places[0] = e.positions[0]
+    return replace(e, problem=replace(e.problem, known_positions=places))
+
+
+ROOM_ROWS: list[tuple[str, str, Callable[[RoomEstimate], RoomEstimate]]] = [
+    ("odd_channel", "microphone 2", with_worst),
+    ("too_noisy", "40 % of the power", lambda e: replace(e, noise_fraction=0.4)),
+    ("room_size", "6.060 x 5.050 m", lambda e: with_size(e, 0.01)),
+    ("model_mismatch", "5 times what the noise explains", lambda e: replace(e, residual=5.0)),
+    ("model_mismatch", "if that is not noise", lambda e: replace(e, noise_given=False, noise_fraction=0.01)),
+    ("not_converged", "still moved", lambda e: replace(e, converged=False)),
+    ("known_position", "3 (5 cm)", lambda e: with_displaced(e, 0.05)),
+    ("ambiguous", "uncertain by", lambda e: replace(e, covariance=e.covariance + 0.02 * np.eye(2))),
+    ("good", "nothing speaks against these positions up to the room's", lambda e: e),
+]
+
+
+# A large residual hides the size; noise is either given or not; five sigmas.
+EXCLUDED_IN_ROOMS = {(2, 3), (3, 4), (6, 7)}
+
+
+def first_row(found: Estimate | RoomEstimate, scale: float | None = None) -> int:
+    names = [str(n) for n in range(len(found.positions))]
+    in_room = isinstance(found, RoomEstimate)
+    seen, table = (JudgedRoom(found, names), ROOM_FINDINGS) if in_room else (judged(found, names, scale), FINDINGS)
+    return next(i for i, row in enumerate(table) if row.applies(seen, row.limit))
 
 
 def test_the_rows_tried_here_are_those_of_the_table():
-    assert [code for code, _, _ in ROWS] == [row.code for row in FINDINGS]
-    assert FINDINGS[-1].code == ROOM_FINDINGS[-1].code == "good"
-    for row in (*FINDINGS, *ROOM_FINDINGS):
-        assert row.reason or not row.limit, f"{row.code}: a limit has a reason"
+    for rows, table in ((ROWS, FINDINGS), (ROOM_ROWS, ROOM_FINDINGS)):
+        assert [code for code, _, _ in rows] == [row.code for row in table] and table[-1].code == "good"
+        for row in table:
+            assert row.reason or not row.limit, f"{row.code}: a limit has a reason"
 
 
-@pytest.mark.parametrize("row", range(len(ROWS)), ids=lambda row: f"{row}-{ROWS[row][0]}")
-def test_every_row_can_be_the_verdict(estimate, blind, row):
-    code, words, altered = ROWS[row]
-    found = altered(blind if row == BLIND else estimate)
+EVERY_ROW = [pytest.param(rows, n, id=f"{n}-{rows[n][0]}") for rows in (ROWS, ROOM_ROWS) for n in range(len(rows))]
+
+
+@pytest.fixture
+def begun(estimate, blind, in_room):
+    """Function of a table and rows of it: the estimate that these rows alter."""
+    return lambda rows, *chosen: in_room if rows is ROOM_ROWS else blind if BLIND in chosen else estimate
+
+
+@pytest.mark.parametrize(("rows", "row"), EVERY_ROW)
+def test_every_row_can_be_the_verdict(begun, rows, row):
+    code, words, altered = rows[row]
+    found = altered(begun(rows, row))
     verdict = assess(found)
     assert (first_row(found), verdict.verdict) == (row, code) and words in verdict.message
 
@@ -211,12 +269,11 @@ def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
         assert not any(one.wrong for one in found.channels.given)
 
 
-@pytest.mark.parametrize("row", range(len(ROWS) - 1), ids=lambda row: f"{row}-{ROWS[row][0]}")
-def test_an_earlier_row_hides_a_later_one(estimate, blind, row):
-    for later in range(row + 1, len(ROWS)):
-        if (row, later) not in EXCLUDED:
-            start = blind if BLIND in (row, later) else estimate
-            assert first_row(ROWS[row][2](ROWS[later][2](start))) == row, later
+@pytest.mark.parametrize(("rows", "row"), EVERY_ROW)
+def test_an_earlier_row_hides_a_later_one(begun, rows, row):
+    for later in range(row + 1, len(rows)):
+        if (row, later) not in (EXCLUDED if rows is ROWS else EXCLUDED_IN_ROOMS):
+            assert first_row(rows[row][2](rows[later][2](begun(rows, row, later)))) == row, later
 
 
 @pytest.mark.parametrize(
@@ -518,78 +575,11 @@ def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_
 # --- known rooms -----------------------------------------------------------------------------------------------------
 
 
-IN_ROOM = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
-SIZE = (6.0, 5.0)
-
-
-@pytest.fixture(scope="module")
-def in_room() -> RoomEstimate:
-    """Eight microphones in the rigid room, at 40 dB."""
-    measurement = measured(IN_ROOM, np.array([0, 3]), snr_db=40, seed=2, source=(3.1, 4.4), modes=24)
-    return solved_anew(
-        replace(measurement, search=None).problem(), SolverSettings(name="room", modes=24, room=SIZE)
-    ).estimate
-
-
-def with_worst(e: RoomEstimate) -> RoomEstimate:
-    part = np.array(e.channel_residual)
-    part[2] = 50 * part.max()
-    return replace(e, channel_residual=part)
-
-
-def with_size(e: RoomEstimate, change: float, sigma: float = 1e-4) -> RoomEstimate:
-    return replace(e, better_size=replace(e.better_size, change=np.full(2, change), sigma=np.full(2, sigma)))
-
-
-def with_displaced(e: RoomEstimate, metres: float) -> RoomEstimate:
-    places = np.array(e.problem.known_positions)
-    places[1] = e.positions[3] + [metres, 0.0]
-    places[0] = e.positions[0]
-    return replace(e, problem=replace(e.problem, known_positions=places))
-
-
-ROOM_ROWS: list[tuple[str, str, Callable[[RoomEstimate], RoomEstimate]]] = [
-    ("odd_channel", "microphone 2", with_worst),
-    ("too_noisy", "40 % of the power", lambda e: replace(e, noise_fraction=0.4)),
-    ("room_size", "6.060 x 5.050 m", lambda e: with_size(e, 0.01)),
-    ("model_mismatch", "5 times what the noise explains", lambda e: replace(e, residual=5.0)),
-    ("model_mismatch", "if that is not noise", lambda e: replace(e, noise_given=False, noise_fraction=0.01)),
-    ("not_converged", "still moved", lambda e: replace(e, converged=False)),
-    ("known_position", "3 (5 cm)", lambda e: with_displaced(e, 0.05)),
-    ("ambiguous", "uncertain by", lambda e: replace(e, covariance=e.covariance + 0.02 * np.eye(2))),
-    ("good", "nothing speaks against these positions up to the room's", lambda e: e),
-]
-
-
-def first_room_row(found: RoomEstimate) -> int:
-    seen = JudgedRoom(found, [str(n) for n in range(len(found.positions))])
-    return next(i for i, row in enumerate(ROOM_FINDINGS) if row.applies(seen, row.limit))
-
-
-@pytest.mark.parametrize("row", range(len(ROOM_ROWS)), ids=lambda row: f"{row}-{ROOM_ROWS[row][0]}")
-def test_every_row_of_known_rooms_can_be_the_verdict(in_room, row):
-    code, words, altered = ROOM_ROWS[row]
-    found = assess(altered(in_room))
-    assert [one for one, _, _ in ROOM_ROWS] == [one.code for one in ROOM_FINDINGS]
-    assert (first_room_row(altered(in_room)), found.verdict) == (row, code) and words in found.message
-
-
-def test_of_known_rooms_too_an_earlier_row_hides_a_later_one(in_room):
-    excluded = {(2, 3), (3, 4), (6, 7)}  # a large residual hides the size; either noise given or not; five sigmas
-    for row in range(len(ROOM_ROWS) - 1):
-        for later in range(row + 1, len(ROOM_ROWS)):
-            if (row, later) not in excluded:
-                assert first_room_row(ROOM_ROWS[row][2](ROOM_ROWS[later][2](in_room))) == row, (row, later)
-
-
 def test_limits_of_known_rooms_hold_five_sigmas_and_of_four_channels_none_stands_out(in_room):
     part = with_worst(in_room).channel_residual
-    assert [first_room_row(replace(in_room, channel_residual=part[:n])) == 0 for n in (4, 5)] == [False, True]
-    assert first_room_row(with_size(in_room, 0.01, 0.003)) == first_room_row(with_displaced(in_room, 0.009)) == 8
-    assert (
-        first_room_row(replace(with_displaced(in_room, 0.05), covariance=0 * in_room.covariance + 1e-4 * np.eye(2)))
-        == 8
-    )
+    assert [first_row(replace(in_room, channel_residual=part[:n])) == 0 for n in (4, 5)] == [False, True]
+    assert first_row(with_size(in_room, 0.01, 0.003)) == first_row(with_displaced(in_room, 0.009)) == 8
+    assert first_row(replace(with_displaced(in_room, 0.05), covariance=0 * in_room.covariance + 1e-4 * np.eye(2))) == 8
     assert np.linalg.norm(assess(in_room).positions - IN_ROOM, axis=1).max() < 0.02
 
 

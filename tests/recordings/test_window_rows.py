@@ -54,11 +54,13 @@ def test_of_an_impulse_response_the_direct_sound_and_the_noise_are_left_out():
 
 
 @pytest.mark.parametrize(
-    ("count", "options"), [(6, {"windows": "none"}), (6, {"dimension": 2}), (33, {}), (6, {"seconds": 0.02})]
+    ("count", "seconds", "rate", "options"),
+    [(6, 0.5, RATE, {"windows": "none"}), (6, 0.5, RATE, {"dimension": 2}), (33, 0.5, RATE, {}), (6, 0.02, RATE, {})]
+    + [(6, 4.0, rate, {}) for rate in (150, 210, 400)],
 )
-def test_there_are_none_of_a_plate_many_channels_or_a_recording_that_is_too_short(count, options):
-    seconds = options.pop("seconds", 0.5)
-    assert windows_of(noise(count, seconds), **options) is None
+def test_there_are_none_of_a_plate_of_many_channels_or_of_a_short_or_low_recording(count, seconds, rate, options):
+    recording = recording_of("x", "stationary", rate, noise(count, seconds)[:, : int(seconds * rate)])
+    assert short_windows(recording, "stationary", ImportOptions(**options)) is None
 
 
 @pytest.mark.parametrize("text", ["high", "100", "3000:200", "100:9000", "0:500"])
@@ -107,9 +109,3 @@ def test_windows_of_impossible_values_are_refused(name, value):
 
 def test_a_measurement_refuses_those_of_another_count(measured):
     refuses("microphones", lambda: replace(measured, windows=measured.windows.of_microphones(np.arange(4))))
-
-
-@pytest.mark.parametrize("rate", [150, 210, 400])
-def test_there_are_none_of_a_recording_that_holds_low_frequencies_alone(rate):
-    recording = recording_of("x", "stationary", rate, noise()[:, : 4 * rate])
-    assert short_windows(recording, "stationary", ImportOptions()) is None

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import refuses
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
@@ -122,9 +123,7 @@ def test_no_session_file_is_refused_in_one_line(tmp_path, content):
         archive.writestr("session.json", content)
         archive.writestr("session.npz", content)
     for name in ("broken.zip", "inside.zip"):
-        with pytest.raises(InputError) as caught:
-            session_file.read(tmp_path / name)
-        assert "\n" not in str(caught.value)
+        refuses("", session_file.read, tmp_path / name)
     with pytest.raises(StorageError, match="nowhere"):
         session_file.read(tmp_path / "nowhere.zip")
 
@@ -206,10 +205,8 @@ def put_inside(record, key, value):
     ],
 )
 def test_a_changed_table_is_refused(folder, change, word):
-    with pytest.raises(InputError, match=word) as caught:
-        session_file.read(folder(change))
-    assert "\n" not in str(caught.value) and "session.zip" in str(caught.value)
-    assert len(str(caught.value)) < 1000 + len(str(Path.cwd()))
+    said = str(refuses(word, session_file.read, folder(change)))
+    assert "session.zip" in said and len(said) < 1000 + len(str(Path.cwd()))
 
 
 @pytest.mark.parametrize(
@@ -226,9 +223,7 @@ def test_a_changed_table_is_refused(folder, change, word):
     ],
 )
 def test_changed_arrays_are_refused(folder, arrays):
-    with pytest.raises(InputError) as caught:
-        session_file.read(folder(arrays=arrays))
-    assert "\n" not in str(caught.value)
+    refuses("", session_file.read, folder(arrays=arrays))
 
 
 def test_a_file_that_claims_or_unpacks_to_too_much_is_refused(tmp_path, folder, monkeypatch):

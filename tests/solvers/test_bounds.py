@@ -132,15 +132,13 @@ def test_the_limit_grows_with_the_array_only_beyond_64_microphones():
 
 
 def test_noise_alone_ends_in_time():
-    rng, known = np.random.default_rng(3), 4
-    p = rng.normal(size=(2, 20, 16))
-    places = diffuse(count=16).positions[:known]
-    frequencies = np.linspace(100.0, 700.0, 20)
+    p, known = np.random.default_rng(3).normal(size=(2, 12, 12)), 4
+    places, frequencies = diffuse().positions[:known], np.linspace(100.0, 700.0, 12)
     measurement = Measurement(frequencies, p[0] + 1j * p[1], SPEED, known=range(known), known_positions=places)
     began = time.process_time()
     result = solve(inputs_of(measurement))
     assert time.process_time() - began < 60 and result.verdict != "good"
-    assert bounds.radius(result.positions) <= bounds.max_radius(measurement.problem(), 20)
+    assert bounds.radius(result.positions) <= bounds.max_radius(measurement.problem(), 12)
 
 
 # Deadlines: whatever the file says, a calibration ends at its limit plus a step, with the best positions so far.
