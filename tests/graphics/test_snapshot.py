@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 from PIL import Image
+from running import refuses
 
 from fdcal.graphics import snapshot
 from fdcal.graphics.camera import project
@@ -15,7 +16,7 @@ from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
-from fdcal.model.validation import InputError, StorageError
+from fdcal.model.validation import StorageError
 
 SIZE = (1300, 1030)  # the legend takes the lowest 27 pixels
 VIEWS = ("top", "close")
@@ -150,8 +151,7 @@ def test_the_same_picture_gives_the_same_bytes(drawn, scene, measurement, estima
     ("size", "view"), [((0, 100), "top"), ((100, 10**6), "top"), ((100,), "top"), ((-5, -5), "top"), (SIZE, "below")]
 )
 def test_an_impossible_size_or_view_is_refused(scene, measurement, size, view):
-    with pytest.raises(InputError, match=r"size|view"):
-        snapshot.render_png(compose(scene, measurement), size, view)
+    refuses(r"size|view", lambda: snapshot.render_png(compose(scene, measurement), size, view))
 
 
 def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, monkeypatch, tmp_path):

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import refuses
 
 import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement import load_measurement, save_measurement
 from fdcal.model.scene import load_scene
-from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.plan import read_layout
 from fdcal.session.scene_edits import edited
@@ -71,8 +71,7 @@ def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
 
 
 def test_nothing_simulates_it():
-    with pytest.raises(InputError, match=r'fdcal.load\("frl_array"\)'):
-        fdcal.simulate(NAME)
+    refuses(r'fdcal.load\("frl_array"\)', fdcal.simulate, NAME)
     layout = read_layout(NAME)
     assert layout.scene is None and len(layout.positions) == 7, "a plan takes its array, not its room"
 
@@ -90,8 +89,7 @@ def test_a_session_has_the_measurement_and_no_path(measurement, tmp_path):
     again = session_file.read(path)
     assert again.scene.title == scene.title and again.scene.remark == scene.remark and again.scene.file == ""
     assert again.measurement.nominal and again.measurement.take_count == 4
-    with pytest.raises(InputError, match="is a measurement, which cannot be simulated"):
-        cached_measurement(again.scene)
+    refuses("is a measurement, which cannot be simulated", cached_measurement, again.scene)
 
 
 def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement, tmp_path):
@@ -101,5 +99,4 @@ def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement
     assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
     table = ROOT / "examples" / NAME / "nominal.csv"
     assert not fdcal.load(path, positions=table).nominal
-    with pytest.raises(InputError, match="nominal = 1 must be true or false"):
-        dataclasses.replace(measurement, nominal=1)
+    refuses("nominal = 1 must be true or false", dataclasses.replace, measurement, nominal=1)
