@@ -142,10 +142,12 @@ def test_the_search_ends_when_two_starts_agree_and_none_has_ended_elsewhere():
     assert search.is_complete(problem, replace(state, starts=(enough, elsewhere)))
 
 
-def test_arrays_whose_covariance_is_singular_are_refined_if_there_are_no_others():
+def test_four_arrays_are_refined_at_most_none_far_less_likely_and_singular_ones_if_there_are_no_others():
     problem, state, x = three_wavelengths()
-    one = replace(search.fitted(problem, state, x, len(K)), cost=np.inf)
-    assert search.likely(problem, replace(state, starts=(one,))) == (one,)
+    one = search.fitted(problem, state, x, len(K))
+    singular, far, *near = (replace(one, cost=cost) for cost in (np.inf, 101.0, *np.arange(6.0)))
+    for found, refined in ((near, near[:4]), ([near[0], far, singular], near[:1]), ([singular], [singular])):
+        assert search.likely(problem, replace(state, starts=tuple(found))) == tuple(refined)
 
 
 def test_the_likeliest_candidate_is_the_array_and_others_are_different_arrays():
