@@ -238,7 +238,7 @@ def test_a_cache_that_cannot_be_written_stops_nothing(scene, tmp_path, monkeypat
     assert len(caplog.records) == 1 and "nothing is stored" in caplog.text
 
 
-def test_the_least_recently_used_files_are_deleted(scene, folder, monkeypatch):
+def test_the_least_recently_used_files_are_deleted(folder, monkeypatch):
     folder.mkdir()
     for age, name in enumerate("abcd"):
         file = folder / f"{name * 64}.npy"

@@ -423,7 +423,7 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
     assert blind.array_dimension == 2 and not len(blind.known)
 
 
-def test_heights_that_differ_are_no_plane(channels, tmp_path):
+def test_heights_that_differ_are_no_plane(channels):
     folder, known = channels
     text = Path(known).read_text()
     Path(known).write_text(text.rstrip()[:-3] + "1.3")
@@ -432,7 +432,7 @@ def test_heights_that_differ_are_no_plane(channels, tmp_path):
         import_recording(folder, ImportOptions(known=known, array_dimension=2))
 
 
-def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch, capsys):
+def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
     class Compared:
         agrees = False
 

@@ -310,7 +310,7 @@ def test_takes_share_the_computing_time():
     assert default_max_rows(200) < default_max_rows(48) < default_max_rows(8)
 
 
-def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round(tmp_path):
+def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round():
     samples = np.pad(responses(0), ((0, 0), (0, 2400)))
     level, band = np.abs(samples).max(), (20.0, 320.0)
     samples = samples + 1e-4 * level * np.random.default_rng(4).standard_normal(samples.shape)

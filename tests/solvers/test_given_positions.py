@@ -170,7 +170,7 @@ def test_the_mirror_image_of_an_array_is_turned_back_into_the_frame_of_the_given
     assert rms(mirrored, sound.positions) > 0.1 and rms(state.positions, sound.positions) < 0.01
 
 
-def test_given_positions_on_a_line_do_not_tell_an_array_from_its_mirror_image_and_the_verdict_says_so(sound):
+def test_given_positions_on_a_line_do_not_tell_an_array_from_its_mirror_image_and_the_verdict_says_so():
     """Their distance from the line must be seen against the accuracy of the array, which is worse at 20 dB."""
     x, along = array(), np.linspace(-0.06, 0.06, 4)[:, None] * [0.6, 0.8]
     verdicts = {}
