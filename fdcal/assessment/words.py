@@ -34,7 +34,8 @@ def state_word(state: RunState, running: bool, error: str = "", verdict: str = T
         return f"{'Trying' if running else 'Paused at'} another start; the best so far is kept"
     if error or running:
         return "Stopped by an error" if error else "Running"
-    return end_word(state.converged, verdict == TRUSTED) if state.finished else "Paused"
+    waiting = "Paused" if state.step else "Not started"
+    return end_word(state.converged, verdict == TRUSTED) if state.finished else waiting
 
 
 def modes_words(measurement: Measurement, first: int, last: int) -> str:

@@ -88,7 +88,8 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
         name = "Eq. 7, for comparison" if traits.moves_all else name
         return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
     if traits.uses_likelihood:
-        return f"negative log-likelihood above its lowest ({'dB re 1 nat' if request.style.log else 'nats'})"
+        unit = "dB re the highest" if request.style.log else "nats"
+        return f"negative log-likelihood above its lowest ({unit})"
     # of the pressures as they are
     return f"{name} ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
@@ -199,12 +200,13 @@ class CostMap:
     fine: bool = False  # whether its lattice is finer than the solver's
     volume: Volume | None = None  # over the floor, or None of a map on the floor alone
     sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
-    # the cost of a likelihood that is shown as 0 dB; None for Eq. 7
+    # of a likelihood: the lowest cost, above which it is shown, and the cost above it that is shown as 0 dB
     base: float | None = None
+    highest: float = 1.0
 
     def text_of(self, cost: float) -> str:
         """Return a cost of this map in words."""
-        return f"{decibels(cost if self.base is None else max(cost - self.base, NAT)):.1f} dB"
+        return f"{decibels((cost if self.base is None else max(cost - self.base, NAT)) / self.highest):.1f} dB"
 
 
 def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Search, minima: Minima) -> CostMap:
@@ -217,7 +219,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     here = maps.interpolate(total, search, request.state.positions[n])
     lowest = min(here, float(total.min()))  # it may lie between lattice points
     shown = above_lowest(run, request, total, lowest)
-    base = None if shown is total else lowest
+    base, highest = (None, 1.0) if shown is total else (lowest, float(shown.max()))
     place = maps.map_positions([np.unravel_index(total.argmin(), total.shape)], search)[0]
     if base is not None and np.all(np.abs(place - request.state.positions[n][:2]) <= search.step):
         # The minimum of a likelihood is far narrower than the lattice, so that an interpolated cost is meaningless.
@@ -228,9 +230,10 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(
-        shown, search, style.log, label, minima=minima, relief=style.kind == "relief", height=height,
+        shown / highest if style.log else shown, search, style.log, label,
+        minima=minima, relief=style.kind == "relief", height=height,
     )  # fmt: skip
-    return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base)
+    return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base, highest=highest)
 
 
 COARSE_POINTS = 26  # along the longest edge

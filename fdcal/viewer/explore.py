@@ -15,6 +15,7 @@ import viser
 from .. import solvers
 from ..assessment.words import state_error_words, state_word
 from ..model.arrays import positions_of
+from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
@@ -37,6 +38,7 @@ LINK = "The address of this page opens the same view for whoever has the same sc
 INVITATION = "Drag the red ball away, and let it go."
 PLAY, PAUSE = "&#9654; Play", "&#10074;&#10074; Pause"
 ONE, ALL = "One at a time (the paper)", "All together"  # methods
+ANEW, NEEDED = "Begins a new run with this method", "needs known microphones"
 
 
 def drawing(points: np.ndarray) -> str:
@@ -158,8 +160,10 @@ class Explore:
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
         at_once = own if together else SolverSettings().name
         for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
-            how = f"aria-pressed='{str(pressed).lower()}'"
-            how += "" if name in viewer.tabs.solver.name.options else " disabled title='It needs known microphones'"
+            how = f"aria-pressed='{str(pressed).lower()}'" + ("" if pressed else f" title='{ANEW}'")
+            if name not in viewer.tabs.solver.name.options:
+                why = "not for this array" if fixes_gauge(viewer.run.problem.known_positions) else NEEDED
+                text, how = f"{text.partition(' (')[0]} ({why})", f"{how} disabled"
             methods += f"<button data-do='method={name}' {how}>{text}</button>"
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""

@@ -174,7 +174,7 @@ def drawings_html(marks: dict[str, str]) -> str:
 # Words of Explore for those of Expert.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison", "cost of the method": "misfit",
-    "negative log-likelihood above its lowest (dB re 1 nat)": "misfit above its lowest (dB)",
+    "negative log-likelihood above its lowest": "misfit",
     "negative log-likelihood": "misfit", "modes": "frequencies", "mode": "frequency",
 }  # fmt: skip
 

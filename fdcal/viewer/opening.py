@@ -5,6 +5,7 @@ is part of the page's HTML: each browser plays it from its beginning without a m
 the first touch ends it there. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 from ..model.measurement import load_measurement
@@ -23,7 +24,11 @@ def film_html() -> str:
 
 
 def opening_request() -> OpenRequest:
-    """Return the request for the session of the opening: one mode in relief, with its many minima."""
-    choices = {"kind": "relief", "microphone": MICROPHONE, "follow": False}
-    choices |= {"modes": (MODE,), "descending": True, "objective": False}  # the maps of the film, in its order
-    return OpenRequest(load_scene(SCENE), measurement=load_measurement(MEASUREMENT), choices=choices)
+    """Return the request for the session of the opening: one mode in relief, with its many minima.
+
+    The method minimises the maps of the film, in its order.
+    """
+    scene = load_scene(SCENE)
+    scene = replace(scene, solver=replace(scene.solver, ample_modes=1, known_weight=1.0))
+    choices = {"kind": "relief", "microphone": MICROPHONE, "follow": False, "modes": (MODE,), "descending": True}
+    return OpenRequest(scene, measurement=load_measurement(MEASUREMENT), choices=choices, highest=MODE)

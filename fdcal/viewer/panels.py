@@ -153,9 +153,9 @@ class RunBar(Tab):
         if session.view.running:
             session.pause()
             return
-        self._binding.tabs.follow_solver()
         if session.view.state.finished:
             session.reset(self._binding.choices.seed)
+        self._binding.tabs.follow_solver()
         session.play()
 
     def hurry(self) -> None:
@@ -286,7 +286,8 @@ class SolverTab(Tab):
             return
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
         choices = {key: getattr(binding.choices, key) for key in KEPT_BY_METHOD}
-        binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
+        more = {"choices": choices, "fewer_modes": True, "highest": binding.run.opening.highest}
+        binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, **more))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
         """Set the modes in use and whether the solver adds more; None for the value of the box."""
@@ -350,11 +351,19 @@ class Tabs:
         self._place(client, view)
 
     def follow_solver(self) -> None:
-        """Show the map of what the method minimises, of the modes in use: on another one a run would look wrong."""
+        """Show the map of what the next step minimises: on another one a run would look wrong.
+
+        A method that moves a microphone to the lowest place of its map uses the modes of the map, if they are in a row.
+        """
+        binding, modes = self.binding, self.binding.choices.modes
         self.sweep.playing = None
-        self.binding.choose(objective=True)
-        if self.binding.choices.modes is not None:
-            self.map.choose_modes(None)
+        binding.choose(objective=True)
+        if modes is None:
+            return
+        in_a_row = modes == tuple(range(modes[0], modes[-1] + 1))
+        if in_a_row and not binding.run.solver.TRAITS.moves_all:
+            self.solver.use_modes(modes[0], modes[-1])
+        self.map.choose_modes(None)
 
     def refresh(self) -> None:
         """Let everything follow the values of the controls, after a program has set them."""

@@ -129,6 +129,14 @@ def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_miss
     assert gradually.cost < at_once.cost - search.WORSE, "the likelihood tells which of them is right"
 
 
+def test_before_the_first_step_given_positions_are_where_they_are_given():
+    rng = np.random.default_rng(4)
+    problem = measured(rng.uniform(2.0, 2.6, (12, 2)), KNOWN).problem("unit")
+    settings = solvers.with_mode_count(problem, SolverSettings())
+    state = solvers.load("robust").init(problem, settings, 0)
+    np.testing.assert_array_equal(state.positions[KNOWN], problem.known_positions)
+
+
 def test_the_search_ends_when_two_starts_agree_and_none_has_ended_elsewhere():
     problem, state, x = three_wavelengths()
     one = search.fitted(problem, state, x, len(K))

@@ -4,16 +4,19 @@ import dataclasses
 import typing
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from doubles import State, finish, set_by_client, view_of
 from viser import _messages
 
+from fdcal import solvers
 from fdcal.assessment.words import state_word
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
+from fdcal.viewer.explore import ANEW, NEEDED
 from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
@@ -219,6 +222,22 @@ def test_restart_opens_another_solver_and_resets_the_same_one(controls):
     assert opening.measurement is panel.binding.measurement
 
 
+def test_a_step_that_searches_the_map_uses_the_modes_that_are_shown(controls):
+    panel, session = controls
+    for method, modes, used in (("descent", (4, 5, 6), [("use_modes", 4, 6, True)]), ("descent", (1, 3), []),
+                                ("joint", (4, 5, 6), [])):  # fmt: skip
+        panel.binding.run.solver.TRAITS = solvers.load(method).TRAITS
+        panel.map.choose_modes(modes)
+        panel.binding.choose(objective=False)
+        session.commands.clear()
+        set_by_client(panel.run_bar.steps, "Step")
+        assert session.commands == [*used, ("step", 1, "step")]
+        assert panel.binding.choices.modes is None and panel.binding.choices.objective
+    panel.binding.run.solver.TRAITS = solvers.load("descent").TRAITS
+    set_by_client(panel.sweep.summed, 2)
+    assert session.commands[-1] == ("pause",), "a run would minimise another map than the one that is shown"
+
+
 def test_a_seed_without_effect_is_hidden(controls):
     solver = controls[0].solver
     assert not solver.seed.visible and not solver.start.visible, "robust has starts of its own"
@@ -286,6 +305,18 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
     set_by_client(viewer.tabs.run_bar.run, True)
     turn_until(lambda: label() and "log-likelihood" in label())
+
+
+def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny_page):
+    page, turn_until = tiny_page
+    bar, tabs = page.panels.overlay._regions["bar"], page.viewer.tabs
+    turn_until(lambda: "Not started, " in bar.content)
+    assert bar.content.count(f"title='{ANEW}'") == 1
+    tabs.solver.name.options = ("robust",)
+    turn_until(lambda: "One at a time (not for this array)" in bar.content)
+    blind = dataclasses.replace(page.viewer.run.problem, known=[], known_positions=np.zeros((0, 2)))
+    page.viewer.run = dataclasses.replace(page.viewer.run, problem=blind)
+    turn_until(lambda: f"One at a time ({NEEDED})" in bar.content)
 
 
 def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):

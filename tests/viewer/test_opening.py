@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, until
 
+from fdcal.cost.maps import cost_maps, map_positions
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION
+from fdcal.viewer.prepare import Preparation
+from fdcal.viewer.state import initial_choices
 
 EXPLORE = COARSE.partition("#")[0]
 
@@ -23,6 +26,26 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
     several = film["starts"][sum(count > 1 for count in counts)] / (film["starts"][-1] + film["roll"])
     assert 0.7 < several < 0.85
     assert opening.MEASUREMENT.stat().st_size < 200_000 and opening.FILM.stat().st_size < 65_000
+
+
+def test_the_method_minimises_the_maps_of_the_film_in_its_order(kernels):
+    prepared = Preparation(opening.opening_request())
+    prepared.execute()
+    run, n = prepared.run, opening.MICROPHONE
+    view, choices = run.session.view, initial_choices(run, len(run.measurement.frequencies), None)
+    request = choices.map_request(run, view, n)
+    assert request.modes == (view.state.first,) == (view.state.last,) == (opening.MODE,)
+    own, film = (
+        cost_maps(run.problem, run.solver, view.state, n, request.modes, order, run.problem.search)[0]
+        for order in (request.order_offset, 2)
+    )
+    np.testing.assert_allclose(10 * np.log10(own / film), 0, atol=0.1)
+    state = run.solver.step(run.problem, view.state)
+    place = map_positions([np.unravel_index(own.argmin(), own.shape)], run.problem.search)[0]
+    np.testing.assert_allclose(state.positions[n], place)
+    state = run.solver.step(run.problem, state)  # moves nothing
+    assert (state.first, state.last, state.stage) == (opening.MODE - 1, opening.MODE, 1)
+    run.session.close()
 
 
 FILM_NODE = "#fdcal-film"

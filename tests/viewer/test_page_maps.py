@@ -97,9 +97,10 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
 
 def test_the_legend_names_what_is_drawn(opened):
     viewer, turn_until = opened
-    turn_until(lambda: "negative log-likelihood above its lowest (dB re 1 nat)" in legend(viewer))
-    bar = viewer.snapshot.picture.bar
-    assert 0 <= bar.low < bar.high < 120, "one nat is where places fit equally well"
+    turn_until(lambda: "misfit (dB re the highest), modes" in legend(viewer).replace("frequencies", "modes"))
+    drawn = viewer.snapshot.drawn
+    assert drawn.floor.bar.low < drawn.floor.bar.high <= 0.0
+    assert drawn.text_of(drawn.base + drawn.highest) == "0.0 dB", "numbers in the caption are those of the scale"
     viewer.run.session.step()
     turn_until(lambda: viewer.snapshot.view.index == 1)
     assert "trail" not in legend(viewer)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...model.gauge import align
 from ...model.problem import Problem
-from ...model.validation import InputError
+from ...model.validation import InputError, frozen_array
 from .. import starts
 from . import noise, windows
 from . import objective as objectives
@@ -30,9 +30,14 @@ DIFFERENT = 0.02
 
 
 def begin(problem: Problem, state: State) -> State:
-    """Return `state` at the first start that can be computed, before its fit; InputError if there is none."""
+    """Return `state` at the first start that can be computed, before its fit; InputError if there is none.
+
+    Microphones with given positions stand there.
+    """
     number, one, x = next(_starts(problem, replace(state, starts=()), 0))
-    x = in_frame(problem, state.settings, x, one.given)
+    x = np.array(in_frame(problem, state.settings, x, one.given))
+    x[problem.known] = problem.known_positions  # the fit begins at `_starts` again
+    x = frozen_array(x, float)
     progress = replace(state.progress, stage=SEARCH, rounds=0, steps=number)
     return replace(state, stage=state.stage + 1, positions=x, shape=x, starts=(), progress=progress)
 

@@ -45,7 +45,7 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
     cost = f"cost at the estimate <b>{drawn.text_of(drawn.cost_here)}</b>"
     if drawn.base is not None:
         at_lowest = drawn.cost_here <= drawn.lowest
-        cost = "the estimate is at the lowest place of the map" if at_lowest else f"{cost} above the lowest"
+        cost = "the estimate is at the lowest place of the map" if at_lowest else f"{cost} re the highest of the map"
     elif marked:
         lowest = drawn.text_of(drawn.lowest) if found.end is None else f"below {drawn.text_of(found.end)}"
         cost += f", lowest {lowest}" + (f" at {len(found.lowest)} places" if len(found.lowest) > 1 else "")
@@ -264,6 +264,8 @@ class SweepTab(Tab):
     def sum_modes(self, count: int, alone: bool | None = None) -> None:
         """Stop, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone, self.playing = self.alone if alone is None else alone, None
+        if not self._binding.run.solver.TRAITS.moves_all:  # its steps minimise the map that is shown
+            self._binding.session.pause()
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
         sequence = self._sequence()

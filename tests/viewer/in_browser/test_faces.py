@@ -264,7 +264,7 @@ def test_everything_in_explore_works(page):
     page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")  # cost along the run
     page.locator("[data-do='step=Step']:disabled").wait_for()
     page.locator("[data-do=state]").press("Home")
-    page.get_by_text(re.compile("Paused, .* off on average")).wait_for()
+    page.get_by_text(re.compile("Not started, .* off on average")).wait_for()
     page.locator("[data-do='step=Step']").click()
     page.locator("[data-do=state][max='1'][value='1']").wait_for()
     press(page, "All together")
