@@ -31,7 +31,7 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
         x, mean, _ = drawn
         near, means = x <= np.median(x), []
         for word, half in (("nearer", near), ("farther", ~near)):
-            if half.any():  # with a single microphone the farther half is empty
+            if half.any():  # at equal distances the farther half is empty
                 level = float(mean[half].mean())
                 means.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
         return chart(x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), means)
@@ -52,12 +52,13 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
 def errors_by_distance(measurement: Measurement, states: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Return distances from the first known microphone, ascending, mean errors over the states, and those of the last.
 
-    All are of the microphones sought: (F,) float64, metres and mm. None without true positions or known microphones.
+    All are of the microphones sought: (F,) float64, metres and mm. None without true positions or known microphones, or
+    with a single microphone.
     """
     truth, known = measurement.positions, measurement.known
-    if truth is None or not len(known):
-        return None
     free = np.setdiff1d(np.arange(measurement.count), known)
+    if truth is None or not len(known) or len(free) < 2:
+        return None
     distance = np.linalg.norm(truth[free] - truth[known[0]], axis=1)
     order = np.argsort(distance, kind="stable")
     errors = 1e3 * np.array([position_errors(state.positions, truth) for state in states])[:, free[order]]

@@ -92,7 +92,7 @@ MARKS = {
         ),
         Mark("microphones/error", "error", "line", TRUE, width=0.13, halo=0.2, line=0.14),
         Mark(
-            "lowest", "lowest cost", "diamond", LOWEST, 2.8, 0.45, 0.25,
+            "lowest", "lowest point", "diamond", LOWEST, 2.8, 0.45, 0.25,
             size=0.7, line=0.16, line_halo=0.16, marker="D", points=7.0,
         ),
         Mark(

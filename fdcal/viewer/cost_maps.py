@@ -132,6 +132,12 @@ def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
     return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
 
 
+def band_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
+    """Return the frequencies of the modes of a map: "211.5 Hz", "34 to 392 Hz"."""
+    f = measurement.frequencies[np.asarray(modes) - 1]
+    return f"{f[0]:.1f} Hz" if f.min() == f.max() else f"{f.min():.0f} to {f.max():.0f} Hz"
+
+
 def map_modes(
     run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None
 ) -> tuple[int, ...]:
@@ -226,7 +232,8 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
         here = lowest
     figures = minima, here, lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
-    label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
+    what, hertz = (label(run.measurement, request.modes) for label in (modes_label, band_label))
+    label = f"{map_label(run, request)}, {what}, {hertz}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:z.2f} m"
     floor = cost_floor(

@@ -21,6 +21,7 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest, scene_request
+from .cost_maps import band_label
 from .html import error_message
 from .own_files import OwnFiles
 from .session_view import Viewer
@@ -154,7 +155,8 @@ class Explore:
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1
-        summed = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes)
+        summed, hertz = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes), band_label(measurement, modes)
+        summed += f", {hertz}" if len(modes) == 1 else ""
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
@@ -171,7 +173,7 @@ class Explore:
         return (
             f"<button class='scene' data-local='sheet:scenes' aria-label='Choose a scene'"
             f" title='{escape(shown)}'>{self._drawn(viewer)}<span><b>{escape(head)}<i>{escape(colon + rest)}</i></b>"
-            f"<small>{status}</small></span></button>"
+            f"<small>{status}</small></span><i aria-hidden='true'>&#9662;</i></button>"
             f"<span class='switch' role='group' aria-label='Method'>{methods}</span>"
             f"<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
             f"<button data-do='step=Step'{' disabled' if done else ''}>{step}</button>"
@@ -180,7 +182,7 @@ class Explore:
             f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
             f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"{_slider(binding, 'state', 'State of the run')}</div>"
-            f"<label>{rows} {_slider(binding, 'modes', rows)}<output>{summed}</output>"
+            f"<label title='{hertz}'>{rows} {_slider(binding, 'modes', rows)}<output>{summed}</output>"
             f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
             f"<button data-do='sweep'>{add}</button>"
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"

@@ -43,7 +43,7 @@ def test_figure_says_what_it_shows(measured):
     assert (maps[-1].get_xlabel(), maps[0].get_ylabel()) == ("x (m)", "y (m)")
     for axes, found in zip(maps, panels.minima, strict=True):
         marks = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
-        assert np.allclose(marks["lowest cost"], found, atol=problem.search.step), "found on a finer lattice"
+        assert np.allclose(marks["lowest point"], found, atol=problem.search.step), "found on a finer lattice"
         assert np.allclose(marks["estimate"], measurement.positions[9] + 0.03)
         assert np.allclose(marks["true"], measurement.positions[9])
         left, right, low, high = axes.images[0].get_extent()

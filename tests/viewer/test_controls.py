@@ -108,7 +108,7 @@ def test_no_key_moves_the_camera_and_help_lists_each_and_every_mark():
     assert not keys & set(CAMERA_KEYS) and keys <= set(typing.get_args(_messages.HotkeyKey))
     for name, (label, _) in KEYS.items():
         assert f"<th>{name}</th>" in html and label in html
-    for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "fdcal"):
+    for word in ("true", "estimate", "known", "lowest point", "other minimum", "(mm)", "(Hz)", "fdcal"):
         assert word in html
 
 

@@ -53,13 +53,14 @@ def position_table(
             escape(str(measurement.names[n])) + (" known" if n in known else ""),
             ", ".join(f"{x:z.3f}" for x in positions[n]),
             *([] if errors is None else [_millimetres(errors[n])]),
-            "" if sigma is None or n in known else _millimetres(float(sigma[n])),
+            *([] if sigma is None else ["" if n in known else _millimetres(float(sigma[n]))]),
         ]
         rows.append(row(cells, SELECTED if n == selected else ""))
     error = [] if errors is None else [f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"]
     more = len(positions) - MAX_ROWS
     below = f"<div style='{CARD} opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
-    return STYLE + table(("mic<br>", "position<br>(m)", *error, "&plusmn; &sigma;<br>(mm)"), rows) + below
+    sigmas = [] if sigma is None else ["&plusmn; &sigma;<br>(mm)"]
+    return STYLE + table(("mic<br>", "position<br>(m)", *error, *sigmas), rows) + below
 
 
 FINEST = 1e-5  # metres, smallest length in the table
