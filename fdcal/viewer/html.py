@@ -186,7 +186,7 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
     def of_both_faces(text: str) -> str:
         """Return a text in the words of Expert and, if they differ, in those of Explore."""
         kept, plain = (
-            re.sub("z = .* m", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
+            re.sub("z = .* m|[0-9.]+( to [0-9]+)? Hz", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
             for one in (text, words.sub(lambda found: EXPLORE[found[0]], text))
         )
         return kept if kept == plain else f"<span class='expert'>{kept}</span><span class='explore'>{plain}</span>"
