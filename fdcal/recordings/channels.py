@@ -170,7 +170,7 @@ class TakeRules:
     low: float = 60.0
     high: float = 500.0
     segment: float = 0.1
-    parts: int = 12  # parts of a take, of eight segments each, over which coherences are averaged
+    parts: int = 12  # parts of a take, of seven overlapping segments each, whose cross-spectra are added
     # rotated, better: least correlation of the coherences of two takes in another order of channels, and its least
     # difference from that in the same order. Grids and balls have 0.6 to 1 in the right order and 0 in another one; by
     # chance the difference is at most 0.06

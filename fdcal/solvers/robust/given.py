@@ -66,17 +66,18 @@ def resolved(problem: Problem, state: State) -> State:
 MIN_ADVANTAGE = 3.0  # nats by which a hypothesis must be likelier than the positions as they are given
 
 
-def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> GivenHypothesis | None:
+def contradicted(problem: Problem, state: State, near: FreeArray) -> GivenHypothesis | None:
     """Return the likeliest hypothesis at the end of a run, or None if the given positions fit the pressures.
 
-    The solver never moves exact given positions. They are released here for the test.
+    `near` is the array without given positions. The solver never moves exact given positions. They are released here
+    for the test.
     """
     if len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return None
     exact = state.model.known_sigma == 0
     try:
         noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > SUSPICIOUS))
-        if not noisy and _agree(problem, state, free_array(problem, state, 0, terms)):
+        if not noisy and _agree(problem, state, near):
             return None
         free, stated = (_released(problem, state), EXACT_SIGMA) if exact else (state, state.settings.known_sigma)
         found = free_array(problem, free, 0 if exact else FREE_STEPS)

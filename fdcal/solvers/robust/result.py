@@ -110,9 +110,12 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
     expected = GIVEN_SIGMA if stated is None else stated
     stiffness, terms = every.of_known(state.positions)[2], (at_objective, claim.weakened.terms)
     try:
-        mirror_advantage = given.mirror_advantage(problem, state, given.free_array(problem, state, 0, terms))
+        near = given.free_array(problem, state, 0, terms)
     except np.linalg.LinAlgError:
-        mirror_advantage = np.inf
+        mirror_advantage, contradicted = np.inf, None
+    else:
+        mirror_advantage = given.mirror_advantage(problem, state, near)
+        contradicted = given.contradicted(problem, state, near)
     return GivenEstimate(
         state.model.known_sigma,
         expected,
@@ -120,7 +123,7 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
         objectives.given_carry_scale(problem) and state.model.window_positions is None,
         probability,
         mirror_advantage,
-        given.contradicted(problem, state, terms),
+        contradicted,
     )
 
 
