@@ -25,7 +25,9 @@ MAX_RESTARTS = 4  # different arrays that are refined at most
 # Two are enough where no start has ended elsewhere: in 231 such field cases no other array was likelier.
 AGREEING = 4
 WORSE = 100.0  # nats; an array that is less likely by more is not refined
-# two arrays are different if some healthy microphone stands further apart in them, in units of the shortest wavelength
+# Two arrays are different if some healthy microphone stands further apart in them, in units of the shortest wavelength
+# or of the RMS diameter of the array, whichever is smaller. With the wavelength alone the error of one of 12 arrays of
+# 10 cm is 8.6 instead of 3.9 mm.
 DIFFERENT = 0.02
 
 
@@ -163,5 +165,7 @@ def fitted(
 def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> bool:
     """Return whether the healthy channels of a start, at least half of all, stand as in `positions` (N, D), metres."""
     apart = np.linalg.norm(align(one.positions, positions) - positions, axis=1)[one.healthy]
-    shortest = 2 * np.pi / float(np.real(problem.wavenumbers).max())
-    return bool(2 * len(apart) >= len(positions) and apart.max() < DIFFERENT * shortest)
+    length = min(
+        2 * np.pi / float(np.real(problem.wavenumbers).max()), 2 * float(np.linalg.norm(np.std(positions, axis=0)))
+    )
+    return bool(2 * len(apart) >= len(positions) and apart.max() < DIFFERENT * length)
