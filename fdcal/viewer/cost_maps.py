@@ -233,9 +233,9 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     figures = minima, here, lowest
     height = z_range_of(run.known_scene, run.measurement)[0]
     what, hertz = (label(run.measurement, request.modes) for label in (modes_label, band_label))
-    label = f"{map_label(run, request)}, {what}, {hertz}"
     if run.measurement.array_dimension == 3:
-        label += f" at z = {request.state.positions[n, 2]:z.2f} m"
+        what += f" at z = {request.state.positions[n, 2]:z.2f} m"
+    label = f"{map_label(run, request)}, {what}, {hertz}"
     floor = cost_floor(
         shown / highest if style.log else shown, search, style.log, label,
         minima=minima, relief=style.kind == "relief", height=height,

@@ -39,7 +39,7 @@ LINK = "The address of this page opens the same view for whoever has the same sc
 INVITATION = "Drag the red ball away, and let it go."
 PLAY, PAUSE = "&#9654; Play", "&#10074;&#10074; Pause"
 ONE, ALL = "One at a time (the paper)", "All together"  # methods
-ANEW, NEEDED = "Begins a new run with this method", "needs known microphones"
+ANEW, NEEDED = "Begins a new run with this method", "too few are known"
 
 
 def drawing(points: np.ndarray) -> str:
@@ -165,7 +165,7 @@ class Explore:
             how = f"aria-pressed='{str(pressed).lower()}'" + ("" if pressed else f" title='{ANEW}'")
             if name not in viewer.tabs.solver.name.options:
                 why = "not for this array" if fixes_gauge(viewer.run.problem.known_positions) else NEEDED
-                text, how = f"{text.partition(' (')[0]} ({why})", f"{how} disabled"
+                text, how = f"{text.partition(' (')[0]} ({why})", "aria-pressed='false' disabled"
             methods += f"<button data-do='method={name}' {how}>{text}</button>"
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""

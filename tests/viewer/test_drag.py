@@ -130,7 +130,7 @@ def test_a_known_microphone_stays(picker):
     assert not picker.placed
 
 
-MODE = 20  # of `tiny`, whose map has several minima
+MODE = 18  # of `tiny`, whose map has several minima
 
 
 @pytest.fixture
