@@ -51,7 +51,9 @@ def main() -> None:
     sums = list(partial_sums(problem, solver, state, n, modes, ORDER_OFFSET, counts=SUMMED))
     last, search = sums[-1].cost, problem.search
     minima = [map_minima(problem, solver, state, n, one.modes, ORDER_OFFSET, one.cost, search) for one in sums]
-    path = descent_path(np.log10(last), search, basins_of(last), state.positions[n]).points  # as the session begins
+    # it begins in the false minimum of the first map from which the way to the last one is longest
+    ways = [descent_path(np.log10(last), search, basins_of(last), place) for place in minima[0].lowest]
+    path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points)).points
     counts = [one.count for one in minima]
     data = {
         "scale": [heatmap.colour_limits(one.cost, True, heatmap.WHOLE) for one in sums],

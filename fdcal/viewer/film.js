@@ -223,6 +223,7 @@ function drawMarks(camera, now) {
     drawn.textBaseline = {center: "middle"}[vertical] ?? vertical;
     halo(text, x, y);
   }
+  if (over) return;  // the session draws it where it is there
   const ball = marks.ball.reach * r, ground = on(along(now.rolled), marks.ball.reach * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
   drawn.fillStyle = "rgba(0, 0, 0, 0.35)";
   drawn.beginPath();
@@ -243,13 +244,13 @@ function drawMarks(camera, now) {
 // --- the film
 
 const LONGEST = 100;  // ms, of the film between two pictures
-let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, left = null, lastMoment = null;
+let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, left = 0, lastMoment = null;
 // The session opens with the first map, at another place of the window.
 const AFTER = 0.7;  // s
 const LONGEST_WAIT = 3000;  // ms, for the map of a session that is there: it may have none
 function after(time) {
   const share = Math.min(time / AFTER, 1), ease = share * share * (3 - 2 * share);
-  return {index: 0, from: left.index, share: ease, rolled: (1 - ease) * left.rolled, left: ease};
+  return {index: 0, from: left, share: ease, rolled: 0, left: ease};
 }
 function draw(time) {
   const now = over ? after(time) : moment(time), wide = root.clientWidth, tall = root.clientHeight, ratio = Math.min(window.devicePixelRatio || 1, 2);
@@ -283,7 +284,7 @@ function play(time) {
 }
 function end() {
   if (over) return;
-  [over, elapsed, held, left] = [true, 0, false, lastMoment];
+  [over, elapsed, held, left] = [true, 0, false, lastMoment?.index ?? 0];
   root.classList.add("over");
   document.documentElement.removeAttribute("data-film");
   for (const [kind, act] of listeners) removeEventListener(kind, act, true);

@@ -25,6 +25,7 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
         assert f": {count} place" in words
     several = film["starts"][sum(count > 1 for count in counts)] / (film["starts"][-1] + film["roll"])
     assert 0.7 < several < 0.85
+    np.testing.assert_allclose(film["path"][-1], film["minima"][-1]["lowest"][0])  # the ball ends where it is found
     assert opening.MEASUREMENT.stat().st_size < 200_000 and opening.FILM.stat().st_size < 65_000
 
 
