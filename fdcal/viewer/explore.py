@@ -39,7 +39,7 @@ LINK = "The address of this page opens the same view for whoever has the same sc
 INVITATION = "Drag the red ball away, and let it go."
 PLAY, PAUSE = "&#9654; Play", "&#10074;&#10074; Pause"
 ONE, ALL = "One at a time (the paper)", "All together"  # methods
-ANEW, NEEDED = "Begins a new run with this method", "too few are known"
+NEW_RUN, NEEDED = "Begins a new run with this method", "too few are known"
 
 
 def drawing(points: np.ndarray) -> str:
@@ -162,7 +162,7 @@ class Explore:
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
         at_once = own if together else SolverSettings().name
         for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
-            how = f"aria-pressed='{str(pressed).lower()}'" + ("" if pressed else f" title='{ANEW}'")
+            how = f"aria-pressed='{str(pressed).lower()}'" + ("" if pressed else f" title='{NEW_RUN}'")
             if name not in viewer.tabs.solver.name.options:
                 why = "not for this array" if fixes_gauge(viewer.run.problem.known_positions) else NEEDED
                 text, how = f"{text.partition(' (')[0]} ({why})", "aria-pressed='false' disabled"

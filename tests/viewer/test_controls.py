@@ -16,7 +16,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
-from fdcal.viewer.explore import ANEW, NEEDED
+from fdcal.viewer.explore import NEEDED, NEW_RUN
 from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import help, map
 from fdcal.viewer.tabs import scene as scenetab
@@ -311,7 +311,7 @@ def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny
     page, turn_until = tiny_page
     bar, tabs = page.panels.overlay._regions["bar"], page.viewer.tabs
     turn_until(lambda: "Not started, " in bar.content)
-    assert bar.content.count(f"title='{ANEW}'") == 1
+    assert bar.content.count(f"title='{NEW_RUN}'") == 1
     tabs.solver.name.options = ("robust",)
     turn_until(lambda: "One at a time (not for this array)" in bar.content)
     blind = dataclasses.replace(page.viewer.run.problem, known=[], known_positions=np.zeros((0, 2)))

@@ -114,7 +114,7 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
     solver, problem, scene = solvers.load("robust"), snapshot.run.problem, snapshot.run.scene
     *_, end = solvers.run(problem, dataclasses.replace(scene.solver, name="robust"), 0)
     modes = tuple(range(1, len(problem.frequencies[end.modes]) + 1))
-    for away, said in ((0.0, "the estimate is at the lowest place of the map"), (0.3, "re the highest of the map")):
+    for away, said in ((0.0, "the estimate is at the lowest point of the map"), (0.3, "re the highest of the map")):
         positions = np.array(end.positions)
         positions[MICROPHONE] += away
         view = view_of([dataclasses.replace(end, positions=positions)])

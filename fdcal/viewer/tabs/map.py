@@ -45,7 +45,7 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
     cost = f"cost at the estimate <b>{drawn.text_of(drawn.cost_here)}</b>"
     if drawn.base is not None:
         at_lowest = drawn.cost_here <= drawn.lowest
-        cost = "the estimate is at the lowest place of the map" if at_lowest else f"{cost} re the highest of the map"
+        cost = "the estimate is at the lowest point of the map" if at_lowest else f"{cost} re the highest of the map"
     elif marked:
         lowest = drawn.text_of(drawn.lowest) if found.end is None else f"below {drawn.text_of(found.end)}"
         cost += f", lowest {lowest}" + (f" at {len(found.lowest)} places" if len(found.lowest) > 1 else "")
