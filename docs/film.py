@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import sys
 from pathlib import Path
 
 from PIL import Image
@@ -18,17 +19,19 @@ PATH = Path(__file__).parent / "pictures" / "opening.webp"
 SIZE, SCALE = {"width": 640, "height": 480}, 1  # pixels of the page, and of the film in each of them
 FRAMES, LAST = 12, 2.5  # per second, and s that the last one stays
 QUALITY = 70
-ARGUMENTS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic"]
 
 
 def main() -> None:
     """Write the film."""
+    sys.path.insert(0, str(Path(__file__).parent.parent))
     from playwright.sync_api import sync_playwright
+
+    from benchmarks.pages import launch
 
     html = f"<!doctype html><style>{STYLE.read_text(encoding='utf-8')} #fdcal-film button {{display: none}}</style>"
     images, durations, shown = [], [], None
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGUMENTS)
+        browser = launch(playwright)
         page = browser.new_page(viewport=SIZE, device_scale_factor=SCALE, color_scheme="dark")
         page.set_content(html + film_html())
         page.evaluate("fdcalFilm.hold()")

@@ -62,10 +62,10 @@ def browsed(ended: bool, folder: Path) -> None:
     sys.path.insert(0, str(ROOT))
     from playwright.sync_api import sync_playwright
 
-    from benchmarks.pages import ARGUMENTS, Served
+    from benchmarks.pages import Served, launch
 
     with Served("array1_circle", {}) as served, sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=list(ARGUMENTS))
+        browser = launch(playwright)
         page = browser.new_page(viewport=PAGE_SIZE, color_scheme="light")
         page.goto(served.url)
         play = page.locator("#fdcal [data-do=play]")

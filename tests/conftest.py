@@ -7,7 +7,6 @@ import io
 import os
 import pickle
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from PIL import Image
 from running import exit_code
 from xdist.scheduler import LoadFileScheduling
 
+from benchmarks.pages import browser_path
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model import libraries
 from fdcal.model.scene import folder_of, load_scene
@@ -44,10 +44,6 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
 ROOT = Path(__file__).parent.parent
 BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser
 PAINTER = re.compile(r"def \w+\([^)]*\b(painted|one_painter)\b")
-# The first is Chromium without what is around a page: it takes an eighth less of the processor.
-CHROMIUM = (
-    "/usr/bin/chromium-headless-shell", "/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome"
-)  # fmt: skip
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -269,9 +265,9 @@ def _missing(reason: str) -> None:
 @pytest.fixture(scope="session")
 def require_browser() -> str:
     """Path of Chromium."""
-    for path in (*CHROMIUM, shutil.which("chromium")):
-        if path and Path(path).exists():
-            return path
+    path = browser_path()
+    if path:
+        return path
     _missing("no Chromium: apt-get install -y --no-install-recommends chromium")
 
 
