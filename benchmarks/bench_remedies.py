@@ -93,7 +93,7 @@ def with_distance(job: Job) -> CalibrationInput:
     """Return the inputs with one distance."""
     first, second = 0, len(job.case.positions) // 2
     apart = float(np.linalg.norm(np.subtract(*job.case.positions[[first, second]])))
-    return replace(job.inputs, distance=(str(first), str(second), apart), estimate_sound_speed=True)
+    return replace(job.inputs, distance=(str(first), str(second), apart))
 
 
 # Words of a verdict, as `InputError` writes arguments, and what somebody does who follows them.
@@ -107,7 +107,7 @@ REMEDIES: dict[str, Callable[[Job], CalibrationInput | Case]] = {
         job.inputs, time_limit=float(job.result.verdict_text.split("time_limit ")[1])
     ),
     "check the positions and the cables": measured_again,
-    "give one distance with estimate_sound_speed": with_distance,
+    "or one distance": with_distance,
 }
 
 

@@ -75,7 +75,6 @@ def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
         ("calibrate", {"settings": 3}, "settings"),
         ("calibrate", {"gain_sigma_db": "1"}, "solver.gain_sigma_db"),
         ("calibrate", {"max_sweeps": 2.5}, "solver.max_sweeps"),
-        ("calibrate", {"estimate_sound_speed": "no"}, "estimate_sound_speed"),
         ("calibrate", {"progress": 3}, "progress"),
         ("load", {"source": 3}, "source"),
         ("load", {"source": "tiny", "positions": 3}, "positions"),

@@ -379,7 +379,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
-            lambda seen: f"give {_least_certain(seen)}, or one <distance> with <estimate_sound_speed>",
+            lambda seen: f"give {_least_certain(seen)}, or one <distance>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, limit: seen.estimate.given.mirror_advantage < limit,
             lambda seen: f"the mirror image of the array fits the given positions as well: these lie nearly"

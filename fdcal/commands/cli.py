@@ -200,20 +200,18 @@ def simulate(scene: str, output: str, force: bool):
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@click.option("--estimate-sound-speed", is_flag=True, help="Also estimate it: from known microphones, or --distance.")
-@opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known.", type=opt.distance)
+@opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known: sets size and sound speed.",
+            type=opt.distance)  # fmt: skip
 @opt.option("--room LxW[xH]", "Size of a rectangular room, metres; implies solver room.", type=opt.room_size)
 @opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=opt.Number())
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)
 @opt.recording_options(*opt.RECORDED)
-@opt.search_option
-@opt.radius_option
 @opt.force_option
 def calibrate(
-    sources, solver, gain_sigma, modes, seed, exclude, estimate_sound_speed, distance, room, time_limit,
-    check, positions, output, search, radius, force, **settings,
+    sources, solver, gain_sigma, modes, seed, exclude, distance, room, time_limit, check, positions, output, force,
+    **settings,
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
@@ -230,14 +228,14 @@ def calibrate(
     recorded = {key: settings.pop(key) for key in ("files", "split", "source", *opt.RECORDED)}
     if settings["known"] not in (None, *opt.KNOWN):
         recorded["known"] = settings.pop("known")
-    inputs = opt.input_of(sources, search, radius, exclude, positions, **recorded)
+    inputs = opt.input_of(sources, exclude, positions, **recorded)
     if room is not None:
         if solver not in (None, *KNOWN_ROOM_SOLVERS):
             raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver")
         solver = KNOWN_ROOM_SOLVERS[0]
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
+    inputs = replace(inputs, distance=distance, time_limit=time_limit)
     if check and inputs.measurement.positions is None:
         remedy = "name a file that has them with <positions>, or leave out <check>"
         raise InputError("the file has no positions to compare with those found", remedy, key="check")

@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -21,7 +21,7 @@ import click
 from ..assessment.calibration import Calibration
 from ..assessment.result_file import load_result
 from ..model.scene import load_scene, scene_names
-from ..model.settings import Search, SolverSettings
+from ..model.settings import SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
 from ..recordings.recording import ImportOptions
 from ..session import session_file, sources
@@ -131,22 +131,6 @@ class Number(click.FloatRange):
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 
-def search_domain(own: Search | None, dimension: int, search: Sequence[float] | None, radius: float | None):
-    """Return the search domain of --search and --radius; values that are not given are those of the domain `own`."""
-    if own is None and (search is None) != (radius is None):
-        raise InputError("the measurement has no search domain", "give both <search> and <radius>", key="search")
-    if radius is None:
-        radius = 0.0 if own is None else own.radius
-    if search is None:
-        return None if own is None else replace(own, radius=radius)
-    if len(search) != 2 * dimension + 1:
-        layout = ",".join([*"xyz"[:dimension], *("width", "height", "depth")[:dimension], "step"])
-        text = ",".join(f"{value:g}" for value in search)
-        remedy = f"give {2 * dimension + 1} metres: {layout}"
-        raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search")
-    return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
-
-
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
     """Return the path of the option -o; it is checked before the work begins, which may take long.
 
@@ -172,7 +156,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
 
 # Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
 NAMED_ALIKE = (
-    "array_dimension check device dimension takes estimate_sound_speed exclude force frame frequencies host kind known "
+    "array_dimension check device dimension takes exclude force frame frequencies host kind known "
     "channels known_sigma leave_out max_rows microphone modes port positions reference "
     "rate room seconds seed solver sound_speed source split step subset table temperature windows "
     "gains noise start sound_speed_sigma"
@@ -184,10 +168,8 @@ OPTIONS = {
     "gain_sigma_db": "--gain-sigma",
     "output": "-o",
     "phase_sigma_deg": "--gain-sigma",
-    "radius": "--radius R",
     "replay": "--replay FILE",
     "result": "--result RESULT.json",
-    "search": "--search ORIGIN,SIZE,STEP",
     "size": "--size WxH",
     "snr": "--snr DB",
     "time_limit": "--time-limit SECONDS",
@@ -247,8 +229,6 @@ result_option = option("--result RESULT.json", "Positions found by `fdcal calibr
 modes_option = option("--modes M", "Modes in use at the end, lowest first.  [default: all that are usable]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
 solver_option = option("--solver", "descent is the paper's.  [default: the scene's]", type=names())
-search_option = option("--search ORIGIN,SIZE,STEP", "Search domain, metres: x,y,width,height,step.", type=numbers)
-radius_option = option("--radius R", "Radius R of the order rule ceil(k R), metres.", type=Number())
 
 
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given
@@ -334,8 +314,6 @@ def scene_of(text: str) -> sources.CalibrationInput:
 def input_of(
     source: str | Sequence[str],
     /,
-    search: list[float] | None = None,
-    radius: float | None = None,
     excluded: tuple[str, ...] = (),
     positions: str | None = None,
     **recorded: Any,
@@ -348,11 +326,7 @@ def input_of(
     options = import_options([source] if isinstance(source, str) else source, recorded)
     with progress_bar("simulating" if options is None and not sources.is_recording(first) else "importing") as progress:
         inputs = sources.load_input(source, progress, excluded, options)
-    if positions is not None:
-        inputs = sources.compared_with_file(inputs, positions)
-    measurement = inputs.measurement
-    domain = search_domain(measurement.search, measurement.array_dimension, search, radius)
-    return replace(inputs, measurement=replace(measurement, search=domain))
+    return inputs if positions is None else sources.compared_with_file(inputs, positions)
 
 
 def result_of(path: str | None) -> Calibration | None:

@@ -29,10 +29,8 @@ if TYPE_CHECKING:
 @opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1, as 1-3,9.  [default: 1,5,9]")
 @opt.result_option
 @opt.output_option("FIG.png|svg|vti")
-@opt.search_option
-@opt.radius_option
 @opt.force_option
-def landscape(source, microphone, mode_numbers, result, output, search, radius, force):
+def landscape(source, microphone, mode_numbers, result, output, force):
     """Draw the cost of moving one microphone, mode by mode.
 
     The modes are summed, too, as in Fig. 1 of the paper.
@@ -44,7 +42,7 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     path = opt.output_path(output, [".png", ".svg", ".vti"], force)
     from ..cost.maps import landscape_panels
 
-    inputs = opt.input_of(source, search, radius)
+    inputs = opt.input_of(source)
     measurement = inputs.measurement
     n = microphone_index(microphone, measurement.names, "microphone")
     measured = len(measurement.frequencies)
@@ -152,10 +150,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
 @opt.seed_option
 @opt.option("--microphone N", "Whose map is shown first: its name, or its number from 0.")
 @opt.output_option("FILE.html")
-@opt.search_option
-@opt.radius_option
 @opt.force_option
-def replay(source, solver, modes, seed, microphone, output, search, radius, force):
+def replay(source, solver, modes, seed, microphone, output, force):
     """Write a calibration as a page that plays in any browser.
 
     The page maps the cost of moving any microphone, at any step, from any modes; the address after # leads to a moment,
@@ -164,9 +160,9 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     path = opt.output_path(output, ".html", force)
     from ..cost.eq7 import reference_cost_of
     from ..graphics.replay import replay_html
-    from ..session.calibration_run import counted_microphones, states_of
+    from ..session.calibration_run import counted_microphones, states_of, with_needed_domain
 
-    inputs = with_settings(opt.input_of(source, search, radius), solver, modes, seed)
+    inputs = with_needed_domain(with_settings(opt.input_of(source), solver, modes, seed))
     if microphone is not None:
         microphone = microphone_index(microphone, inputs.measurement.names, "microphone")
     with opt.progress_bar("calibrating") as progress:

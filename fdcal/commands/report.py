@@ -30,7 +30,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said["list"] = inputs.remark
     speeds = []
-    if inputs.estimate_sound_speed:
+    if inputs.distance is not None:
         speeds.append(f"{result.sound_speed:.1f} m/s estimated, {measurement.sound_speed:.1f} m/s given")
     if result.sound_speed_sigma is not None:
         speeds.append(f"{result.sound_speed:.2f} m/s, one sigma {result.sound_speed_sigma:.2g} m/s")

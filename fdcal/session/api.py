@@ -144,7 +144,6 @@ def calibrate(
     seed: int | None = None,
     room: Sequence[float] | None = None,
     exclude: Sequence[str | int] = (),
-    estimate_sound_speed: bool = False,
     distance: tuple[str | int, str | int, float] | None = None,
     time_limit: float | None = None,
     settings: SolverSettings | None = None,
@@ -171,10 +170,9 @@ def calibrate(
         Size of a rectangular room, metres; implies solver "room".
     exclude : sequence of str or int
         Names or numbers of microphones to leave out.
-    estimate_sound_speed : bool
-        Whether the sound speed is estimated, too: from the known microphones or `distance`.
     distance : (microphone, microphone, float), optional
-        Names or numbers of two microphones and their distance, metres, for an array without known microphones.
+        Names or numbers of two microphones and their distance, metres, for an array without known microphones. Its size
+        and the sound speed follow from it.
     time_limit : float, optional
         Seconds of processor time after which the best positions so far are assessed, with the verdict
         "not_converged"; 45, more for large arrays. An interrupt does the same.
@@ -206,7 +204,6 @@ def calibrate(
     True
     """
     require_inputs(measurement, settings, "calibrate")
-    convert(estimate_sound_speed, bool, "estimate_sound_speed")
     require_callable("progress", progress)
     own = {*inspect.signature(calibrate).parameters} - {"others"}
     require_arguments("calibrate", others, own | {field.name for field in fields(SolverSettings)})
@@ -225,7 +222,7 @@ def calibrate(
             problem = f"distance = {shown(distance, quoted=True)} is not two microphones and a length"
             raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance")
         distance = str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
+    inputs = replace(inputs, distance=distance, time_limit=time_limit)
     return solve(inputs, progress, keep=True)
 
 

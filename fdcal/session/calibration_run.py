@@ -28,30 +28,19 @@ from .process import interrupts, one_blas_thread
 from .sources import CalibrationInput, ProgressReport
 
 
-def require_length(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError if the sound speed is to be estimated without a known length, or with two."""
-    needs_room = load(inputs.settings.name).TRAITS.needs_room
-    if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
+def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
+    """Raise InputError if the solver cannot find the array, for example outside of the search domain or the room."""
+    measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
+    truth, search = measurement.positions, measurement.search
+    if traits.needs_room and (inputs.distance is not None or inputs.settings.known == "minimal"):
         fault = "a known room fixes the size and the position of the array"
-        raise InputError(fault, "leave out <estimate_sound_speed> and <known> minimal", key="room")
+        raise InputError(fault, "leave out <distance> and <known> minimal", key="room")
     if inputs.distance is not None:
-        if not inputs.estimate_sound_speed:
-            fault = "distance fixes the size of the array, so that the sound speed follows from it"
-            raise InputError(fault, "give <estimate_sound_speed> with <distance>", key="distance")
         if len(problem.known):
             fault = "distance is for arrays without known microphones, which fix the size already"
             raise InputError(fault, "leave out <distance>", key="distance")
         convert(inputs.distance[2], Metres, "distance")
         distance_pair(inputs)
-    elif inputs.estimate_sound_speed and len(problem.known) < 2:
-        fault = "the sound speed follows from a known length, and fewer than two microphones are known"
-        raise InputError(fault, "name two known microphones at least, or give <distance>", key="estimate_sound_speed")
-
-
-def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError if the solver cannot find the array, for example outside of the search domain or the room."""
-    measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
-    truth, search = measurement.positions, measurement.search
     if truth is not None and search is not None and traits.needs_search:
         free = np.setdiff1d(np.arange(measurement.count), measurement.known)
         low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
@@ -61,7 +50,7 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
                 f"microphone {outside[0]} stands at {truth[outside[0]].tolist()} m, outside the search"
                 f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
             )
-            raise InputError(fault, "enlarge or move it with <search>", key="search")
+            raise InputError(fault, "enlarge or move it", key="search")
     check_channels(measurement.pressures, measurement.names)
     if not traits.needs_room:
         check_solvable(problem, inputs.settings.modes, measurement.names)
@@ -122,7 +111,6 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
 
 
 LONGER = 10.0  # factor on a time limit that was too short
-FREE_SOUND_SPEED = 0.05  # relative, one sigma of a sound speed before it is estimated: 30 K in air
 
 
 def problem_of(inputs: CalibrationInput) -> Problem:
@@ -164,12 +152,8 @@ def solve(
     `states_of`, `wording` as of `assess_state`. An interrupt ends the solver, as `inputs.time_limit` does: the best
     positions so far are assessed, with the verdict "not_converged".
     """
-    settings = inputs.settings
-    free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
-    if free and not load(settings.name).TRAITS.needs_room:  # with a sigma of the sound speed a solver estimates it
-        inputs = replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
+    inputs = with_needed_domain(inputs)
     problem = problem_of(inputs)
-    require_length(inputs, problem)
     if inputs.time_limit is not None:
         convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
@@ -259,6 +243,14 @@ def cost_in_decibels(found: Assessment) -> float | None:
         return None
     cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
     return cost if np.isfinite(cost) else None
+
+
+def with_needed_domain(inputs: CalibrationInput) -> CalibrationInput:
+    """Return the inputs with a search domain if the solver or its start needs one, see `with_estimated_domain`."""
+    settings = inputs.settings
+    if settings.start != "random" and not load(settings.name).TRAITS.needs_search:
+        return inputs
+    return replace(inputs, measurement=with_estimated_domain(inputs.measurement, settings, inputs.seed))
 
 
 DOMAIN_SECONDS = 20.0  # of processor time for the estimate

@@ -248,7 +248,7 @@ def _size(
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
-        given = replace(inputs, measurement=measurement, settings=settings, estimate_sound_speed=True)
+        given = replace(inputs, measurement=measurement, settings=settings)
         found = solve(given, progress)
     except InputError:
         return 1.0, np.inf

@@ -41,8 +41,8 @@ class CalibrationInput:
     settings: SolverSettings  # with a number of modes
     seed: int
     excluded: tuple[str, ...] = ()  # names or numbers of microphones left out
-    estimate_sound_speed: bool = False
-    # (str, str, float) or None: names or numbers of two microphones, and their distance, metres
+    # (str, str, float) or None: names or numbers of two microphones, and their distance, metres, from which size and
+    # sound speed follow
     distance: tuple[str, str, float] | None = None
     # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
     # unless given

@@ -108,7 +108,7 @@ def test_modes_chosen_by_the_user_must_be_enough():
         (["--room", "6000x5000"], "too many modes"),
         (["--room", "6x5", "--modes", "2"], "too few for a known room"),
         (["--room", "6x5", "--solver", "joint"], "leave out --solver joint"),
-        (["--room", "6x5", "--estimate-sound-speed"], "a known room fixes"),
+        (["--room", "6x5", "--distance", "0,1,1"], "a known room fixes"),
         (["--solver", "room"], "needs the size of the room"),
     ],
 )
