@@ -31,10 +31,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
         (["calibrate", "tiny", "--solver", "joint+descent"], ["'--solver'", "'descent', 'joint', 'robust', 'room'"]),
         (["calibrate", "tiny", "--known", "some"], ["leave out --known: use all, minimal, none", "import INPUT"]),
-        (
-            ["calibrate", "tiny", "--noise", "nan"],
-            ['solver.noise = "nan" is unknown', '"auto"', "decibels"],
-        ),
+        (["calibrate", "tiny", "--noise", "nan"], ['solver.noise = "nan" is unknown', '"auto"', "decibels"]),
         (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
         (
             ["landscape", "tiny", "--microphone", "16", "-o", "f.png"],

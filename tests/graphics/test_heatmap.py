@@ -137,9 +137,7 @@ MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectr
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize(
-    "palette",
-    [MARKS, ON_MAP, TRACES, CURVES, MODES],
-    ids=["marks", "map", "traces", "curves", "modes"],
+    "palette", [MARKS, ON_MAP, TRACES, CURVES, MODES], ids=["marks", "map", "traces", "curves", "modes"]
 )
 def test_colours_of_one_picture_are_distinguishable(palette, eye):
     places = dict(zip(palette, lab(list(palette.values()), eye), strict=True))

@@ -246,13 +246,7 @@ def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
 
 @pytest.mark.parametrize(
     ("length", "digits", "text"),
-    [
-        (0.0, 3, "0 mm"),
-        (0.00413, 3, "4.13 mm"),
-        (0.0996, 2, "100 mm"),
-        (1.164, 3, "1.16 m"),
-        (23214.6, 2, "23215 m"),
-    ],
+    [(0.0, 3, "0 mm"), (0.00413, 3, "4.13 mm"), (0.0996, 2, "100 mm"), (1.164, 3, "1.16 m"), (23214.6, 2, "23215 m")],
 )
 def test_lengths_have_no_exponent(length, digits, text):
     assert length_text(length, digits) == text

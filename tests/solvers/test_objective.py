@@ -240,7 +240,7 @@ def takes_of(count: int, snr_db: float = 15.0) -> Measurement:
     x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(16, 2))
     each = []
     for seed, source in enumerate(SOURCES[:count]):
-        one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=12)
+        one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=16)
         times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=16)) / 343.0
         each.append(replace(one, search=None, arrivals=times[None], arrival_sigma=1e-3 / 343.0))
     return Measurement.from_takes(each)

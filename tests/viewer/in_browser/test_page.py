@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, begin_anew, choose, opened_page, press, serving_here, slider, tab, until
+from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, until
 
-from fdcal.model.scene import load_scene
 from fdcal.viewer import cost_maps
 from fdcal.viewer.server import hardening
 
@@ -133,22 +132,20 @@ BOX = """name => {
 
 
 @pytest.fixture
-def ball(browser, monkeypatch):
-    """A page of `ball3d`, which is chosen in Explore, in the tab Map; its server has no other client."""
+def ball(page, monkeypatch):
+    """The page after `ball3d` was chosen in Explore, in the tab Map; its test is the last: none finds `tiny` again."""
     monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine volumes
-    with serving_here(load_scene("tiny")) as url:
-        page = opened_page(browser, url, COARSE.partition("#")[0])
-        page.get_by_role("button", name="Choose a scene").click()
-        page.locator("[data-do='scene=ball3d']").click()
-        page.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
-        page.wait_for_function("location.hash.includes('scene=ball3d')")
-        press(page, "Expert")
-        page.get_by_text("fdcal · ball3d").wait_for()
-        page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&face=expert'")  # whose volume is made at once
-        page.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
-        tab(page, "Map")
-        yield page
-        page.close()
+    press(page, "Explore")
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator("[data-do='scene=ball3d']").click()
+    page.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
+    page.wait_for_function("location.hash.includes('scene=ball3d')")
+    press(page, "Expert")
+    page.get_by_text("fdcal · ball3d").wait_for()
+    page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&face=expert'")  # whose volume is made at once
+    page.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
+    tab(page, "Map")
+    return page
 
 
 def box(page, name):
