@@ -33,6 +33,7 @@ from ..model.problem import mode_power
 from ..model.scene import Room, Source
 from ..model.settings import Sensing
 from ..model.validation import LIMITS, InputError, refusal
+from .room_modes import wall_eigenvalues
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
@@ -146,34 +147,15 @@ def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.nda
     n = np.arange(count)
     kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]
     if room.walls == "absorbing":
-        kappa = np.stack([_absorbed(kappa[0], length, 1j * one * room.admittance) for one in k])
+        h = 1j * k * room.admittance
+        steps = max(1, math.ceil(STEPS * float(np.abs(h).max()) * length))
+        kappa, residual = wall_eigenvalues(count, length, h, min(steps, MAX_STEPS))
+        exact = np.all(np.abs(residual) < 1e-10 * (np.abs(kappa) + np.abs(h)[:, None]))
+        distinct = np.all(np.abs(kappa[:, 2:] - kappa[:, :-2]) > 0.5 / length)  # two coincide if the admittance is high
+        if steps > MAX_STEPS or not (exact and distinct):
+            problem = f"room.admittance is too high for a sum over modes (|h| = {np.abs(h).max():.3g} 1/m)"
+            raise InputError(problem, "use a lower one", key="room.admittance")
     odd = n % 2 == 1
     phase = kappa[..., None] * (np.asarray(x) - length / 2)
     norm = length / 2 * (1 + np.where(odd, -1, 1) * np.sinc(kappa * length / np.pi))
     return kappa, np.where(odd[:, None], np.sin(phase), np.cos(phase)) / np.sqrt(norm + 0j)[..., None]
-
-
-def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
-    """Return kappa between two walls of equal h, continued from the `rigid` values as h grows from 0 : (n,) complex128.
-
-    kappa sin(kappa l / 2) = h cos(kappa l / 2) for the cosines, kappa cos(kappa l / 2) = -h sin(kappa l / 2) for the
-    sines. Raises InputError if two of them coincide, as for walls of high admittance.
-    """
-    half, odd = length / 2, np.arange(len(rigid)) % 2 == 1
-    steps = max(1, math.ceil(STEPS * abs(h) * length))
-    kappa = rigid.astype(complex)
-    kappa[:1] = np.sqrt(2 * h / steps / length)
-    residual = np.full(len(kappa), np.inf)
-    for part in h * np.arange(1, steps + 1) / steps if steps <= MAX_STEPS else ():
-        for _ in range(12):
-            sin, cos = np.sin(kappa * half), np.cos(kappa * half)
-            residual = np.where(odd, kappa * cos + part * sin, kappa * sin - part * cos)
-            if np.all(np.abs(residual) < 1e-13 * (np.abs(kappa) + abs(h))):
-                break
-            slope = (1 + part * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
-            kappa = kappa - residual / slope
-    apart = np.abs(kappa[2:] - kappa[:-2])
-    if not (np.all(np.abs(residual) < 1e-10 * (np.abs(kappa) + abs(h))) and np.all(apart > 0.5 / length)):
-        problem = f"room.admittance is too high for a sum over modes (|h| = {abs(h):.3g} 1/m)"
-        raise InputError(problem, "use a lower one", key="room.admittance")
-    return kappa

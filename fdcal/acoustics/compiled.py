@@ -22,28 +22,22 @@ Item = TypeVar("Item")
 Found = TypeVar("Found")
 
 
-@functools.cache
-def _compiler() -> Callable[..., Any]:
-    """Return `numba.njit`, which is loaded with the first function to compile."""
+def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
+    """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
+
+    It runs without the interpreter's lock; `options`: of `numba.njit`. A read-only array has a type of its own.
+    """
     import numba
     from numba.core import config
 
     elsewhere = getattr(config, "CACHE_DIR", "") or os.access(Path(__file__).parent, os.W_OK)
     if "FDCAL_CACHE" in os.environ and not elsewhere:
         config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")  # pyright: ignore[reportAttributeAccessIssue]
-    return numba.njit
-
-
-def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
-    """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
-
-    It runs without the interpreter's lock; `options`: of `numba.njit`. A read-only array has a type of its own.
-    """
     options = {"nogil": True, "error_model": "numpy", **options}
     try:
-        return _compiler()(function, cache=True, **options)
+        return numba.njit(function, cache=True, **options)
     except RuntimeError:  # no folder that numba may write to
-        return _compiler()(function, **options)
+        return numba.njit(function, **options)
 
 
 MAX_THREADS = 4

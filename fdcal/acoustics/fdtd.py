@@ -218,15 +218,6 @@ def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[n
     return fields[1 - steps % 2], fields[steps % 2]
 
 
-def energy(grid: Grid, p_old: np.ndarray, p: np.ndarray) -> float:
-    """Return the energy of two successive fields (ny, nx), any unit, which only absorbing walls change.
-
-    Half of |p - p_old|^2 + lam^2 p . A p_old, with A p = K p - sum of the neighbours; not negative below the CFL limit.
-    """
-    stiff = grid.stiffness * p_old - neighbour_sum(p_old * grid.mask)
-    return 0.5 * float(np.sum((p - p_old) ** 2 * grid.mask) + grid.courant**2 * np.sum(p * stiff * grid.mask))
-
-
 def _run(grid: Grid, state: np.ndarray, steps: int, source, receivers, progress: Progress | None) -> None:
     """Advance `state` (2, ny + 2, width), [0] the newest, in chunks, to respond to Ctrl-C and call `progress`."""
     from .fdtd_kernels import march  # loads the compiler, which reading a scene does not need

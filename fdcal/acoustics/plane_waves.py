@@ -49,11 +49,6 @@ class SdmResponse:
     times: np.ndarray  # (T,) float64, when each wave arrives at the origin, s
     sample_rate: float  # Hz
 
-    @property
-    def duration(self) -> float:
-        """From the first to the last wave, s."""
-        return len(self.times) / self.sample_rate
-
 
 def load_sdm_response(path: str | Path) -> SdmResponse:
     """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
@@ -137,9 +132,10 @@ def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
         why = f"is too high for a response of {response.sample_rate:g} Hz"
         remedy = f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz"
         raise refusal("measurement.highest", sensing.highest, why, remedy, "Hz")
-    if sensing.resolution * response.duration < 1 - 1e-2:
-        why = f"is finer than that of a response of {response.duration:.3g} s"
-        remedy = f"use at least {math.ceil(10 / response.duration) / 10:g} Hz"
+    duration = len(response.times) / response.sample_rate
+    if sensing.resolution * duration < 1 - 1e-2:
+        why = f"is finer than that of a response of {duration:.3g} s"
+        remedy = f"use at least {math.ceil(10 / duration) / 10:g} Hz"
         raise refusal("measurement.resolution", sensing.resolution, why, remedy, "Hz")
 
 

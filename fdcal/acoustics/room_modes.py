@@ -113,7 +113,7 @@ class Truncation:
     smallest_difference: float = 1e-12  # least abs(kappa^2 - k^2), which may vanish at a nominal resonance, 1/m^2
     # highest wavenumber of a mode of the diffuse model, relative to the highest wavenumber measured
     diffuse_range: float = 1.6
-    newton_steps: int = 8  # iterations for the eigenvalues between absorbing walls
+    newton_steps: int = 12  # iterations for the eigenvalues between absorbing walls, at most
 
     def tau(self, dimension: int) -> float:
         """Return tau of the point-source model, m^2."""
@@ -202,7 +202,7 @@ def point_source_model(size: Sequence[float] | Reals, wavenumbers: Numbers, admi
     tau = TRUNCATION.tau(len(size))
     top = float(np.sqrt(TRUNCATION.decay / tau + np.real(k).max() ** 2))
     h = 1j * k * admittance
-    kappa = tuple(_eigenvalues(int(top * length / np.pi) + 1, length, h) for length in size)
+    kappa = tuple(wall_eigenvalues(int(top * length / np.pi) + 1, length, h)[0] for length in size)
     norms = []
     for values, length in zip(kappa, size, strict=True):
         sign = np.where(np.arange(values.shape[1]) % 2 == 1, -1, 1)
@@ -215,18 +215,22 @@ def point_source_model(size: Sequence[float] | Reals, wavenumbers: Numbers, admi
     return PointSourceModel(tuple(size), kappa, tuple(norms), np.exp(-squares * tau) / squares)
 
 
-def _eigenvalues(count: int, length: float, h: np.ndarray) -> np.ndarray:
-    """Return kappa (M, count) complex128 between two walls of `h` (M,), 1/m, by Newton's method from nearly rigid ones.
+def wall_eigenvalues(count: int, length: float, h: Numbers, steps: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return kappa between two walls of equal `h` (M,), 1/m, and the residuals of its equation : (M, count) complex128.
 
     Even ones: kappa sin(kappa l / 2) = h cos(kappa l / 2); odd ones: kappa cos(kappa l / 2) = -h sin(kappa l / 2).
+    Newton's method starts at nearly rigid walls, from which h grows in `steps` steps.
     """
-    n, h, half = np.arange(count), h[:, None], length / 2
-    odd = n % 2 == 1
-    kappa = np.sqrt((n * np.pi / length) ** 2 + np.where(n == 0, 2, 4) * h / length)
+    n, h, half = np.arange(count), np.asarray(h)[:, None], length / 2
+    odd, residual = n % 2 == 1, np.zeros((len(h), count), complex)
+    kappa = np.sqrt((n * np.pi / length) ** 2 + np.where(n == 0, 2, 4) * h / steps / length + 0j)
     kappa = np.where(np.abs(kappa) < 1e-9, 1e-9, kappa)
-    for _ in range(TRUNCATION.newton_steps if np.any(h) else 0):
-        sin, cos = np.sin(kappa * half), np.cos(kappa * half)
-        residual = np.where(odd, kappa * cos + h * sin, kappa * sin - h * cos)
-        slope = (1 + h * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
-        kappa = kappa - residual / slope
-    return kappa
+    for part in h * np.arange(1, steps + 1)[:, None, None] / steps if np.any(h) else ():
+        for _ in range(TRUNCATION.newton_steps):
+            sin, cos = np.sin(kappa * half), np.cos(kappa * half)
+            residual = np.where(odd, kappa * cos + part * sin, kappa * sin - part * cos)
+            if np.all(np.abs(residual) < 1e-13 * (np.abs(kappa) + np.abs(h))):
+                break
+            slope = (1 + part * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
+            kappa = kappa - residual / slope
+    return kappa, residual

@@ -179,10 +179,10 @@ class Judged:
         return high & np.any(high & ~np.isin(np.flatnonzero(counted), noisy))
 
     @property
-    def noisiest(self) -> int | None:
-        """The unknown microphone with the largest noise among the healthy channels."""
+    def noisiest(self) -> int:
+        """The unknown microphone with the largest noise among the healthy channels; -1 if there is none."""
         sought = np.setdiff1d(np.flatnonzero(self.healthy), self.estimate.problem.known)
-        return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else None
+        return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else -1
 
     @property
     def wrong_given(self) -> list[ChannelFault]:
@@ -304,19 +304,10 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
     In living rooms and halls its position is usually right all the same. From M frequencies the noise of a channel is
     known with a relative error of about 1 / sqrt(M).
     """
-    if seen.noisiest is None or not seen.by_rows:
+    if seen.noisiest < 0 or not seen.by_rows:
         return False
     rows, found = len(seen.estimate.field.power), float(seen.estimate.channels.noise[seen.noisiest])
     return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
-
-
-def _other_minimum_words(seen: Judged) -> str:
-    n = seen.noisiest
-    assert n is not None
-    noise = f"{seen.estimate.channels.noise[n]:.2g} times the noise of the others"
-    return (
-        f"microphone {seen.names[n]} has {noise}: it may stand elsewhere, or the room causes this at its right position"
-    )
 
 
 # fmt: off
@@ -390,7 +381,10 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             reason="another array explains the pressures as well"),
-    Finding("ambiguous", _other_minimum, _other_minimum_words,
+    Finding("ambiguous", _other_minimum,
+            lambda seen: f"microphone {seen.names[seen.noisiest]} has"
+                         f" {seen.estimate.channels.noise[seen.noisiest]:.2g} times the noise of the others: it may"
+                         " stand elsewhere, or the room causes this at its right position",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             2.3, "noise of a channel over that of the median one"),
     Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * rms_radius(seen.estimate.positions[seen.healthy]),
@@ -435,11 +429,6 @@ class JudgedRoom:
         return [(self.names[int(n)], float(metres)) for n, metres in zip(known[far], away[far], strict=True)]
 
 
-def _faulty_in_room(seen: JudgedRoom, limit: float) -> bool:
-    part, modes = seen.estimate.channel_residual, len(seen.estimate.pressures)
-    return len(part) >= 5 and part.max() >= max(limit * float(np.median(part)), LARGE_RESIDUAL * modes)
-
-
 def _other_size(seen: JudgedRoom, limit: float) -> bool:
     better, residual = seen.estimate.better_size, seen.estimate.residual
     change = np.abs(better.change)
@@ -447,31 +436,25 @@ def _other_size(seen: JudgedRoom, limit: float) -> bool:
     return bool(clear.any()) and (residual <= LARGE_RESIDUAL or better.residual <= residual / 2)
 
 
-def _size_words(seen: JudgedRoom) -> str:
-    pairs = zip(seen.estimate.size, seen.estimate.better_size.change, strict=True)
-    lengths = " x ".join(f"{length * (1 + more):.3f}" for length, more in pairs)
-    return f"a room of {lengths} m explains the pressures better: correct <room>, or the sound speed"
-
-
-def _good_in_room(seen: JudgedRoom) -> str:
-    given = seen.estimate.residual if seen.estimate.noise_given else None
-    count = len(seen.estimate.images)
-    return f"nothing speaks against these positions up to the room's {count} symmetries; {precision(seen.sigma, given)}"
-
-
 LARGE_RESIDUAL = 2.0  # reduced chi-square above which the given noise does not explain the residual
 MIN_DISPLACED = 0.01  # metres; a known microphone farther than this and five sigmas from its position is displaced
 
 # fmt: off
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
-    Finding("odd_channel", _faulty_in_room,
+    Finding("odd_channel",
+            lambda seen, limit: len(part := seen.estimate.channel_residual) >= 5
+            and part.max() >= max(limit * float(np.median(part)), LARGE_RESIDUAL * len(seen.estimate.pressures)),
             lambda seen: f"microphone {seen.worst}: no place in this room explains its recording; leave it out with"
                          f" <exclude> {seen.worst}",
             "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
     Finding("too_noisy", lambda seen, limit: seen.estimate.noise_fraction > limit,
             lambda seen: f"{100 * seen.estimate.noise_fraction:.0f} % of the power is unexplained", "",
             0.3, "noise over the power"),
-    Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
+    Finding("room_size", _other_size,
+            lambda seen: "a room of "
+            + " x ".join(f"{x:.3f}" for x in np.multiply(seen.estimate.size, 1 + seen.estimate.better_size.change))
+            + " m explains the pressures better: correct <room>, or the sound speed",
+            "", 2e-3, "relative error of a length, and five sigmas of it"),
     Finding("model_mismatch", lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
             lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
             "", LARGE_RESIDUAL, "reduced chi-square"),
@@ -492,7 +475,11 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
             lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
             MORE_MODES + "record with less noise",
             0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
-    Finding("good", lambda seen, _: True, _good_in_room, reason="no check has found anything"),
+    Finding("good", lambda seen, _: True,
+            lambda seen: f"nothing speaks against these positions up to the room's {len(seen.estimate.images)}"
+                         " symmetries; "
+            + precision(seen.sigma, seen.estimate.residual if seen.estimate.noise_given else None),
+            reason="no check has found anything"),
 )
 # fmt: on
 

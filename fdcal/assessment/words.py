@@ -170,11 +170,7 @@ def faults_text(faults: Iterable[ChannelFault]) -> str:
 def error_words(result: Calibration) -> str:
     """Return mean and largest error of a result that has them."""
     assert result.mean_error is not None and result.max_error is not None
-    return _mean_and_largest(result.mean_error, result.max_error)
-
-
-def _mean_and_largest(mean: float, largest: float) -> str:
-    return f"mean {length_text(mean)}, largest {length_text(largest)}"
+    return f"mean {length_text(result.mean_error)}, largest {length_text(result.max_error)}"
 
 
 def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> tuple[str, str, str]:
@@ -187,7 +183,7 @@ def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool 
         return "error", "unknown (no true positions)", ""
     figures = length_text(float(errors[0]))
     if len(errors) > 1:
-        figures = _mean_and_largest(float(errors.mean()), float(errors.max()))
+        figures = f"mean {length_text(float(errors.mean()))}, largest {length_text(float(errors.max()))}"
     remarks = ["from nominal"] * nominal + ["after alignment"] * aligned
     return "deviation" if nominal else "error", figures, ", ".join(remarks)
 

@@ -367,7 +367,7 @@ def test_a_microphone_that_is_given_or_faulty_is_none_that_may_stand_elsewhere(e
     found = with_share(with_channel_noise(estimate, KNOWN[0], 5.0), 5e-4)
     seen, others = judged(found, [""] * len(found.positions)), np.setdiff1d(np.arange(len(found.positions)), KNOWN)
     assert seen.noisiest in others
-    assert replace(seen, faulty={n: ChannelFault("", "noisy", 9.0, "dB") for n in others.tolist()}).noisiest is None
+    assert replace(seen, faulty={n: ChannelFault("", "noisy", 9.0, "dB") for n in others.tolist()}).noisiest == -1
     assert "may stand elsewhere" not in assess(found).message
 
 
