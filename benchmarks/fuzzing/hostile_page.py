@@ -32,7 +32,8 @@ ODD = (
 )  # fmt: skip
 POINTER = {"start_screen_pos": [0.1, 0.2], "end_screen_pos": [0.3, 0.4], "button": "left", "modifier": None}
 UPLOAD = {"source_component_uuid": "", "transfer_uuid": ""}
-DRAG = {"start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "instance_index": 4, "name": "/picking/0"}
+NODE = {"name": "/picking/0", "owner": "", "modifier": None}
+DRAG = {**NODE, "start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "instance_index": 4}
 
 
 def hostile_messages(rng: np.random.Generator, uuids: list[str]) -> list[bytes | str]:
@@ -73,13 +74,13 @@ def _base_message(rng: np.random.Generator, uuids: list[str]) -> dict:
     """Return a message of a kind that a page sends, or another one."""
     uuid = uuids[int(rng.integers(len(uuids)))]
     drag = {**POINTER, **DRAG, "phase": ("start", "update", "end")[int(rng.integers(3))]}
-    line = {"ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1], "screen_pos": [0.5, 0.5], "button": "left"}
+    line = {"ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1]}
     bases = [
         {**CAMERA},
         {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": ODD[int(rng.integers(len(ODD)))]}},
         {"type": "SceneNodeDragMessage", **drag},
-        {"type": "SceneNodeClickMessage", "name": "/picking/0", "instance_index": 3, "modifier": None, **line},
-        {"type": "ScenePointerMessage", "event_type": "click", "modifier": None, **line},
+        {"type": "SceneNodeClickMessage", **NODE, "instance_index": 3, "screen_pos": [0.5, 0.5], **line},
+        {"type": "ScenePointerMessage", "event_type": "click", "modifier": None, "screen_pos": [[0.5, 0.5]], **line},
         {"type": "CommandTriggerMessage", "uuid": uuid},
         {"type": "GuiButtonHoldMessage", "uuid": uuid, "frequency": 10.0},
         {

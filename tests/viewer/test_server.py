@@ -174,9 +174,14 @@ def test_an_address_that_cannot_be_served_is_refused(server):
 
 
 UPDATE = {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": 1}}
-CLICK = {"type": "SceneNodeClickMessage", "ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1.0], "name": "a"}
+POINTED = {"name": "a", "instance_index": 4, "modifier": None, "owner": ""}
+CLICK = {
+    "type": "SceneNodeClickMessage", **POINTED, "ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1.0],
+    "screen_pos": [0.5, 0.5],
+}  # fmt: skip
 DRAG = {
-    "type": "SceneNodeDragMessage", "start_position": [0, 0, 0], "end_position": [1.5, 0, 0], "instance_index": 4,
+    "type": "SceneNodeDragMessage", **POINTED, "start_position": [0, 0, 0], "end_position": [1.5, 0, 0],
+    "phase": "update", "start_screen_pos": [0.1, 0.2], "end_screen_pos": [0.3, 0.4], "button": "left",
 }  # fmt: skip
 PART = {
     "type": "FileTransferPart", "source_component_uuid": "", "transfer_uuid": "", "part_index": 0, "content": b"raw",
@@ -198,7 +203,7 @@ NO_POINT = ({"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5
         (DRAG, [{key: value} for key in ("start_position", "end_position", "instance_index") for value in NO_POINT]),
         (UPDATE, [{"type": kind} for kind in ("GuiFormSubmitMessage", "ShareUrlRequest", "RunJavascriptMessage")]),
         (PART, [{"content": value} for value in ("text", None, [1])]),
-        (PART, [{key: value} for key in ("transfer_uuid", "source_component_uuid", "name") for value in NO_NAME]),
+        (PART, [{key: value} for key in ("transfer_uuid", "name") for value in NO_NAME]),
     ],
     ids=["camera", "value", "control", "command", "node", "click", "drag", "kind", "part", "transfer"],
 )
@@ -213,7 +218,10 @@ def test_a_message_that_the_page_sends_is_passed_on():
         assert client_values.is_acceptable({**CAMERA, **change})
     for name in CAMERA.keys() - {"type"}:
         assert not client_values.is_acceptable({key: value for key, value in CAMERA.items() if key != name}), name
-    assert client_values.is_acceptable({**CLICK, "ray_origin": None})
+    ray = {key: CLICK[key] for key in ("modifier", "ray_direction")}
+    assert client_values.is_acceptable({
+        "type": "ScenePointerMessage", "event_type": "click", "ray_origin": None, "screen_pos": [[0.5, 0.5]], **ray,
+    })  # fmt: skip
     assert client_values.is_acceptable({**DRAG, "instance_index": None})
 
 

@@ -1,28 +1,44 @@
 """Checks of the messages of browsers, before viser or any other code reads them.
 
 viser does not check the camera that a browser reports, and stores the value of a control for all other pages. A message
-is therefore accepted only if the page of fdcal sends messages of this kind, its values are plain and bounded, and its
-camera is possible.
+is therefore accepted only if the page of fdcal sends messages of this kind, it has the fields that viser declares for
+them, its values are plain and bounded, and its camera is possible.
 """
 
+import dataclasses
 import itertools
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
+from viser import _messages
 
 MAX_TEXT_LENGTH = 200  # characters of a text from a browser
 MAX_NUMBER = 2**53  # largest integer that a browser represents exactly
+MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 
 
 def is_plain(updates) -> bool:
     """Return whether a browser's update sets one value: a truth value, a finite number or a short text."""
     if not isinstance(updates, dict) or set(updates) != {"value"}:
         return False
-    value = updates["value"]
+    return isinstance(updates["value"], (int, float, str)) and _is_plain(updates["value"], 0, itertools.count())
+
+
+def _is_plain(value, depth: int, items: Iterator[int]) -> bool:
+    """Return whether data are small, with finite numbers and short texts only."""
+    if next(items) > MAX_ITEMS or depth > MAX_DEPTH:
+        return False
     if isinstance(value, str):
         return len(value) <= MAX_TEXT_LENGTH
-    return isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER  # False for NaN, too
+    if isinstance(value, (int, float)):
+        return abs(value) <= MAX_NUMBER  # False for NaN, too
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _is_plain(inner, depth + 1, items) for key, inner in value.items())
+    if isinstance(value, (list, tuple)):
+        return all(_is_plain(inner, depth + 1, items) for inner in value)
+    return value is None
 
 
 def fits(control, value) -> bool:
@@ -41,12 +57,9 @@ def fits(control, value) -> bool:
 
 
 MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin
-MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
 CAMERA = "ViewerCameraMessage"
-NAMES = ("uuid", "name")  # keys of a control and of a node
-POINTS = ("start_position", "end_position")  # of a drag, metres
-RAYS = ("ray_origin", "ray_direction")  # of a click, or None
+POINTS = "position look_at up_direction start_position end_position ray_origin ray_direction".split()  # metres
 COSTS = {  # of one message of each kind, in units of a control's update; other kinds are dropped
     CAMERA: 1.0,
     "GuiUpdateMessage": 1.0,
@@ -73,52 +86,23 @@ def decoded_message(raw) -> dict[str, Any]:
 
 def is_acceptable(message: dict[str, Any]) -> bool:
     """Return whether the page sends messages of this kind, all values are plain, and a camera is possible."""
-    if message["type"] == "FileTransferPart":  # the only one with bytes, as many as the size of a message allows
-        texts = (message.get("source_component_uuid"), message.get("transfer_uuid"))
-        return isinstance(message.get("content"), bytes) and texts == ("", "") and len(message) == 5
-    if message["type"] not in COSTS or not _is_plain(message, 0, itertools.count(1)):
+    kind, given = message["type"], {key: value for key, value in message.items() if key != "type"}
+    if kind not in COSTS:
         return False
-    if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary
+    # only a part of a file has bytes, as many as the size of a message allows
+    others = given | {"content": None} if kind == "FileTransferPart" else given
+    declared: Any = getattr(_messages, kind)
+    if not _is_plain(others, 0, itertools.count()) or given.keys() != {f.name for f in dataclasses.fields(declared)}:
         return False
-    points = [message[key] for key in POINTS if key in message]
-    points += [message[key] for key in RAYS if message.get(key) is not None]
-    index = message.get("instance_index")  # of what a pointer hit
-    if not all(_is_vector(x, 3) for x in points) or not (index is None or type(index) is int):
+    try:
+        read = msgspec.convert(given, declared, builtin_types=[bytes])
+    except msgspec.ValidationError:
         return False
-    if message["type"] != CAMERA:
+    points = [getattr(read, name, None) or (0.0,) for name in POINTS]
+    if not all(abs(x) <= MAX_COORDINATE for point in points for x in point):
+        return False
+    if kind != CAMERA:
         return True
-    vectors: list[Any] = [message.get(name) for name in ("position", "look_at", "up_direction")]
-    if not all(_is_vector(vector, 3) for vector in vectors) or not _is_vector(message.get("wxyz"), 4):
-        return False
-    numbers: list[Any] = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
-    if not all(map(_is_number, numbers)):
-        return False
-    (position, look_at, up), (fov, near, far, width, height) = vectors, numbers
-    looks = math.dist(position, look_at) > MIN_LENGTH and math.hypot(*up) > MIN_LENGTH
-    return looks and 0 < fov < math.pi and 0 < near < far <= 1e9 and width >= 0 and height >= 0
-
-
-def _is_plain(value, depth: int, items) -> bool:
-    """Return whether data are small, with finite numbers and short texts only."""
-    if next(items) > MAX_ITEMS or depth > MAX_DEPTH:
-        return False
-    if isinstance(value, str):
-        return len(value) <= MAX_TEXT_LENGTH
-    if isinstance(value, float):
-        return math.isfinite(value)
-    if isinstance(value, int):
-        return abs(value) <= MAX_NUMBER
-    if isinstance(value, dict):
-        return all(isinstance(key, str) and _is_plain(inner, depth + 1, items) for key, inner in value.items())
-    if isinstance(value, (list, tuple)):
-        return all(_is_plain(inner, depth + 1, items) for inner in value)
-    return value is None
-
-
-def _is_number(value) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
-
-
-def _is_vector(value, count: int) -> bool:
-    of_length = isinstance(value, (list, tuple)) and len(value) == count
-    return of_length and all(_is_number(x) and abs(x) <= MAX_COORDINATE for x in value)
+    looks = math.dist(read.position, read.look_at) > MIN_LENGTH and math.hypot(*read.up_direction) > MIN_LENGTH
+    lens = 0 < read.fov < math.pi and 0 < read.near < read.far <= 1e9
+    return looks and lens and read.image_width >= 0 and read.image_height >= 0
