@@ -143,12 +143,11 @@ class Label:
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:
     """Return texts by priority: names, names of axes, numbers, those of z last. The first of two that overlap stays."""
-
-    def rank(label: Label) -> tuple[bool, bool, int]:
-        number = label.name.startswith("frame/")
-        return number, label.name.startswith("frame/z"), len(label.name) if number else label.name != "selected/name"
-
-    return sorted(labels, key=rank)
+    names, numbers = [], []
+    for label in labels:
+        (numbers if label.name.startswith("frame/") else names).append(label)
+    names.sort(key=lambda label: label.name != "selected/name")
+    return names + sorted(numbers, key=lambda label: (label.name.startswith("frame/z"), len(label.name)))
 
 
 @dataclass(frozen=True)

@@ -226,7 +226,8 @@ def _state_data(
 ) -> tuple[dict, dict[str, np.ndarray]]:
     """Return origin and unit of the positions, and the arrays that change from state to state.
 
-    `ends`: as of `_costs`; `corrected`: whether gain (T, N, 2) and noise (T, N) of the channels are among them.
+    `ends`: states whose cost is computed in any case; `corrected`: whether gain (T, N, 2) and noise (T, N) of the
+    channels are among them.
     """
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
@@ -242,20 +243,16 @@ def _state_data(
         gains = np.array([none if (one := state.channels) is None else one.gains for state in states], complex)
         noise = np.array([none if (one := state.channels) is None else one.noise for state in states], float)
         arrays |= {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
-    if reference_cost is not None:
-        arrays["cost"] = _costs(states, reference_cost, ends)
+    if reference_cost is not None:  # in dB; interpolated between MAX_COSTS states at most and `ends`
+        computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
+        costs = np.array([reference_cost.of(states[i]) for i in computed])
+        finite = np.isfinite(costs)
+        every = np.arange(len(states))
+        arrays["cost"] = np.interp(every, computed[finite], costs[finite]) if finite.any() else 0.0 * every
     if truth is not None:
         errors = np.linalg.norm(positions - truth, axis=2)[:, counted]
         arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
     return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
-
-
-def _costs(states: Sequence, reference_cost: ReferenceCost, ends: Sequence[int]) -> np.ndarray:
-    """Return the cost of each state, dB: computed for `ends` and MAX_COSTS states at most, interpolated for others."""
-    computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
-    costs = np.array([reference_cost.of(states[i]) for i in computed])
-    finite = np.isfinite(costs)
-    return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))
 
 
 THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index

@@ -223,13 +223,7 @@ class Drop:
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
-        overlay.on(CONTINUE, lambda client, value: self._run_on())
-
-    def _run_on(self) -> None:
-        """Run the solver from the present state; the map is that of the modes it uses."""
-        self._say("")
-        self.tabs.follow_solver()
-        self._binding.session.play()
+        overlay.on(CONTINUE, lambda client, value: self.tabs.run_bar.toggle())
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a position, (2,) or (3,), metres, or release it there; on viser's event loop."""
@@ -268,7 +262,7 @@ class Drop:
         if view.count == 1 and self._count > 1:
             self.tries = self.home = 0
             self._say("")
-        elif view.running and self.tries:
+        elif view.running:
             self._say("")  # removes the words, but not the counts
         self._count, drag = view.count, self._drag
         if drag is None:

@@ -16,7 +16,7 @@ import contextlib
 import itertools
 import logging
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -354,31 +354,31 @@ class SceneNodes:
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._handles.pop(name).remove()
-            self._remove_replaced(lambda name, since: name not in parts)  # nothing replaces these
+            shown, self.parts = self.parts, parts
+            self.remove_old()
             for name, part in parts.items():
-                old = self.parts.get(name)
+                old = shown.get(name)
                 if old is not part:
                     self._handles[name] = self._send(f"/{name}", old, self._handles.get(name), part)
             if texts != self._texts:
                 count = int(self._labelled.position[0]) + 1
                 self._texts, self._labelled.position = texts, (float(count), 0.0, 0.0)
                 self._labels.content = content("labels", f"<i data-count='{count}'></i>{texts}")
-        self.parts = parts
 
-    def remove_old(self, now: float) -> None:
-        """Remove old surfaces some time after new ones replaced them; called by the main loop at the time `now`.
+    def remove_old(self, now: float | None = None) -> None:
+        """Remove old surfaces that nothing replaces, and others some time after new ones have replaced them.
 
-        A page needs a moment to read a surface and would show none meanwhile.
+        A page needs a moment to read a surface and would show none meanwhile. The main loop calls this at the time
+        `now`.
         """
-        self._replaced = [(name, now if since is None else since, handle) for name, since, handle in self._replaced]
-        self._remove_replaced(lambda name, since: since is not None and since < now - REPLACING_TIME)
-
-    def _remove_replaced(self, outdated: Callable[[str, float | None], bool]) -> None:
-        """Remove the replaced surfaces of which `outdated(name, since)` is true."""
+        kept = []
         for name, since, handle in self._replaced:
-            if outdated(name, since):
+            due = now is not None and since is not None and since < now - REPLACING_TIME
+            if due or name not in self.parts:
                 handle.remove()
-        self._replaced = [entry for entry in self._replaced if not outdated(*entry[:2])]
+            else:
+                kept.append((name, now if since is None else since, handle))
+        self._replaced = kept
 
     def _send(self, name: str, old: Part | None, handle: Any, part: Part) -> Any:
         """Create the node of `part`, or update the one that shows `old`, and return its handle."""

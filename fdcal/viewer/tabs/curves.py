@@ -76,11 +76,11 @@ class Plot:
         now = time.perf_counter()
         if self.handle is None or now < self._until:
             return
-        data, ends = self._wanted
+        (data, ends), x = self._wanted, self.data[0]
         if self._axes_next:  # after data of another extent
             self._axes_next, self._until = False, now + APART
         elif data is not self.data:
-            self._axes_next = ends != self._ends and _extent(data) != _extent(self.data)
+            self._axes_next = ends != self._ends and (data[0].min(), data[0].max()) != (x.min(), x.max())
             self._until = now + APART if self._axes_next else 0.0
             self.data = self.handle.data = data
         if ends != self._ends and not self._axes_next:
@@ -99,21 +99,6 @@ class Plot:
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
         scales = {"x": uplot.Scale(time=False), "y": y}
         return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, incrs=WHOLE_STEPS), axis)
-
-
-def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:
-    """Return the ends of the abscissa."""
-    return float(data[0].min()), float(data[0].max())
-
-
-def decades_of(*curves: np.ndarray) -> range:
-    """Return the powers of ten, at least two, between which all numbers of the curves (P,) lie, which are above zero.
-
-    They replace uPlot's own grid, which has too many lines and numbers.
-    """
-    powers = np.log10(np.concatenate(curves))
-    first, last = int(np.floor(powers.min() + 1e-9)), int(np.ceil(powers.max() - 1e-9))
-    return range(first, max(last, first + 1) + 1)
 
 
 def dots(size: float, stroke: str, fill: str) -> Any:
@@ -172,8 +157,11 @@ class CurvesTab(Tab):
         x, mean, largest = np.array(self._rows, float)[drawn].T
         if self.error is not None:
             errors = np.concatenate([mean, largest])
-            decades = decades_of(errors[errors > ZERO] if largest.max() > ZERO else np.array([0.1, 1.0]))
-            ends = [*self._decades, *decades]  # so that the axis does not change if a drag discards later states
+            # the powers of ten between which the errors lie; uPlot's own grid has too many lines and numbers
+            powers = np.log10(errors[errors > ZERO] if largest.max() > ZERO else [0.1, 1.0])
+            first, last = int(np.floor(powers.min() + 1e-9)), int(np.ceil(powers.max() - 1e-9))
+            # so that the axis does not change if a drag discards later states
+            ends = [*self._decades, first, last, first + 1]
             self._decades = range(min(ends), max(ends) + 1)
             self.error.show((x, mean, largest), self._decades)
         cost = np.array([view.costs.of(state) for state in self._states])
