@@ -100,25 +100,21 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
             continue
         order = [(axis + 1 + i) % D for i in range(D)]
         lengths = np.array(room.size)[order]
+        # The numbers (T,) of the eigenfunctions, along all axes but the last, whose gamma is below `reach`, 1/m.
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
-        terms = eigenfunction_numbers(lengths, reach, float(np.abs(k).max()), int(group[apart[group, axis].argmin()]))
+        counts = math.hypot(reach, float(np.abs(k).max())) * lengths[:-1] / np.pi
+        if np.prod(counts + 1) > MAX_TERMS:
+            nearest = group[apart[group, axis].argmin()]
+            problem = f"source.position is too close to microphone {nearest} for a sum over modes"
+            raise InputError(problem, "move it further away", key="source.position")
+        numbers = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
+        kept = sum((along / count) ** 2 for along, count in zip(numbers, counts, strict=True)) <= 1
+        terms = tuple(along[kept] for along in numbers)
         block = max(1, BLOCK_VALUES // (len(terms[0]) * len(group)))
         for first in range(0, len(k), block):
             some = slice(first, first + block)
             p[some, group] = closed_form_sum(room, lengths, source[order], positions[group][:, order], k[some], terms)
     return p
-
-
-def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, ...]:
-    """Return the numbers (T,) of the eigenfunctions along all axes but the last whose gamma is below `reach`, 1/m."""
-    highest = math.hypot(reach, k)
-    counts = highest * lengths[:-1] / np.pi
-    if np.prod(counts + 1) > MAX_TERMS:
-        problem = f"source.position is too close to microphone {n} for a sum over modes"
-        raise InputError(problem, "move it further away", key="source.position")
-    numbers = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
-    kept = sum((along / count) ** 2 for along, count in zip(numbers, counts, strict=True)) <= 1
-    return tuple(along[kept] for along in numbers)
 
 
 def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndarray:

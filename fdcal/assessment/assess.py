@@ -29,7 +29,7 @@ from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition, KnownRoom
-from .channels import exchanged_back, faulty_channels, healthy_channels
+from .channels import exchanged_back, faulty_channels
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
 from .uncertainty import EXACT, covariance_of, one_sigma, scale_sigma_of, search_spread_of
@@ -119,7 +119,7 @@ def judged(
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
     faulty = {} if single else faulty_channels(estimate, covariance, names)
-    healthy = healthy_channels(len(names), faulty)
+    healthy = ~np.isin(np.arange(len(names)), list(faulty))
     search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
     wrong = [n for n, one in faulty.items() if one.kind in OF_LIST]
     if len(estimate.problem.known):

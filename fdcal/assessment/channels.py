@@ -9,7 +9,7 @@ misplaced          a given position contradicts the pressures
 exchanged          two channels, or two given positions, are in each other's place
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -177,8 +177,3 @@ def exchanged_back(estimate: Estimate, faulty: Mapping[int, ChannelFault], names
             if estimate.given.sigma > 0:
                 x[n] = shown[partner]
     return x
-
-
-def healthy_channels(count: int, faulty: Iterable[int]) -> np.ndarray:
-    """Return which of `count` channels are healthy : (N,) bool; `faulty`: numbers of the others."""
-    return ~np.isin(np.arange(count), list(faulty))

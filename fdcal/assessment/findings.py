@@ -27,7 +27,7 @@ from ..model.gauge import align
 from ..model.validation import length_text
 from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import OF_LIST, ChannelFault
-from .channels import MAX_NOISE, healthy_channels
+from .channels import MAX_NOISE
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text
 
@@ -96,7 +96,7 @@ class Judged:
     @property
     def healthy(self) -> np.ndarray:
         """Which channels have no fault : (N,) bool."""
-        return healthy_channels(len(self.covariance), self.faulty)
+        return ~np.isin(np.arange(len(self.covariance)), list(self.faulty))
 
     @property
     def by_rows(self) -> bool:

@@ -51,7 +51,16 @@ def camera_for(
         return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
     fov = math.radians(FOV_3D) if fov is None else fov
-    corners = _corners(picture, view)
+    # The corners of the box that the view shows; if close, with the numbers of its rulers.
+    (x0, y0, x1, y1), (low, high) = picture.bounds if view == "3d" else picture.focus, picture.z_range
+    room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
+    if view == "3d" and room:  # it stands on a floor at z = 0; the room of a measurement is unknown
+        low, high = 0.0, float(max([*room, high]))
+    if picture.floor is not None and picture.floor.heights is not None:
+        high = max(high, picture.floor.height + float(picture.floor.heights.max()))
+    box = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)]
+    numbers = [label.position for label in picture.labels if label.name.startswith("frame/")]
+    corners = np.array([*box, *numbers] if view == "close" else box)
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     camera = _camera(centre, OBLIQUE, float(np.ptp(corners, axis=0).max()), fov)
     for _ in range(REFINEMENTS):
@@ -62,20 +71,6 @@ def camera_for(
         centre = centre + offset @ np.stack([right_axis, -up])
         camera = _camera(centre, OBLIQUE, MARGIN[view] * camera.height * float(fill.max()), fov)
     return camera
-
-
-def _corners(picture: Picture, view: str) -> np.ndarray:
-    """Return the corners (P, 3), metres, of the box that a 3-D view shows; if close, with the numbers of its rulers."""
-    x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
-    low, high = picture.z_range
-    room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
-    if view == "3d" and room:  # it stands on a floor at z = 0; the room of a measurement is unknown
-        low, high = 0.0, float(max([*room, high]))
-    if picture.floor is not None and picture.floor.heights is not None:
-        high = max(high, picture.floor.height + float(picture.floor.heights.max()))
-    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)]
-    numbers = [label.position for label in picture.labels if label.name.startswith("frame/")]
-    return np.array([*corners, *numbers] if view == "close" else corners)
 
 
 def _axes(camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

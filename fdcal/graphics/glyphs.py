@@ -115,22 +115,6 @@ def round_ticks(low: float, high: float, count: int) -> np.ndarray:
     return values[(values >= low - slack) & (values <= high + slack)]
 
 
-def ruler(
-    low: float, high: float, across: float, axis: int, length: float, z: float
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the ticks along an edge of a box: segments (T, 2, 3), label positions (T, 3), metres, and texts as "1.2".
-
-    `low`, `high`: ends of the edge along `axis`; `across`: its other coordinate; `length`: of a tick, metres.
-    """
-    values = round_ticks(low, high, 8)
-    ends = np.full((len(values), 2, 3), z)
-    ends[:, :, axis] = values[:, None]
-    ends[:, 0, 1 - axis], ends[:, 1, 1 - axis] = across, across - length
-    places = ends[:, 1].copy()
-    places[:, 1 - axis] -= 0.6 * length
-    return ends, places, tick_texts(values)
-
-
 def tick_texts(values: np.ndarray) -> tuple[str, ...]:
     """Return evenly spaced numbers with the fewest decimals that distinguish them, as "1.2"."""
     decimals = max(0, -int(np.floor(np.log10(values[1] - values[0])))) if len(values) > 1 else 2

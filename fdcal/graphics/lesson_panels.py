@@ -1,6 +1,6 @@
 """What stands below the text of a lesson, on the page and in the gallery: a plot, or a list of channels, as HTML."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
@@ -27,8 +27,14 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
 
     `states`: of the run so far; `found`: the assessment of the last one, or None.
     """
-    if name == "distance" and (drawn := errors_by_distance(measurement, states)) is not None:
-        x, mean, _ = drawn
+    truth, known = measurement.positions, measurement.known
+    free = np.setdiff1d(np.arange(measurement.count), known)
+    if name == "distance" and truth is not None and len(known) and len(free) > 1:
+        x = np.linalg.norm(truth[free] - truth[known[0]], axis=1)
+        order = np.argsort(x, kind="stable")
+        errors = 1e3 * np.array([position_errors(state.positions, truth) for state in states])[:, free[order]]
+        mean = np.clip(np.nan_to_num(errors, nan=MAX_ERROR).mean(axis=0), MIN_ERROR, MAX_ERROR)
+        x = x[order]
         near, means = x <= np.median(x), []
         for word, half in (("nearer", near), ("farther", ~near)):
             if half.any():  # at equal distances the farther half is empty
@@ -47,24 +53,6 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
         labels = "microphone", "error of what the others predict (dB re its power)"
         return chart(np.arange(len(errors)), errors, labels, red=faulty)
     return ""
-
-
-def errors_by_distance(measurement: Measurement, states: Sequence) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return distances from the first known microphone, ascending, mean errors over the states, and those of the last.
-
-    All are of the microphones sought: (F,) float64, metres and mm. None without true positions or known microphones, or
-    with a single microphone.
-    """
-    truth, known = measurement.positions, measurement.known
-    free = np.setdiff1d(np.arange(measurement.count), known)
-    if truth is None or not len(known) or len(free) < 2:
-        return None
-    distance = np.linalg.norm(truth[free] - truth[known[0]], axis=1)
-    order = np.argsort(distance, kind="stable")
-    errors = 1e3 * np.array([position_errors(state.positions, truth) for state in states])[:, free[order]]
-    errors = np.nan_to_num(errors, nan=MAX_ERROR)
-    mean, last = (np.clip(one, MIN_ERROR, MAX_ERROR) for one in (errors.mean(axis=0), errors[-1]))
-    return distance[order], mean, last
 
 
 def chart(
@@ -115,24 +103,23 @@ def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
             f"{channels.phase_deg[n]:+z.1f}" + (f" &plusmn; {channels.phase_sigma_deg[n]:.1f}" if sought else ""),
             f"{channels.noise_db[n]:+z.1f}",
         )
-        rows.append(row(cells, style))
+        rows.append((cells, style))
         if fault:  # in a row of its own, for the panel is narrow
-            rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
+            rows.append(((escape(fault),), style))
     return table(HEAD, rows)
 
 
-def table(head: Sequence[str], rows: Sequence[str]) -> str:
-    """Return a table in small type."""
+def table(head: Sequence[str], rows: Iterable[tuple[Sequence[str], str]]) -> str:
+    """Return a table in small type; `rows`: cells and style of each; a single cell is as wide as the table."""
     columns = "".join(f"<th>{text}</th>" for text in head)
+    body = ""
+    for cells, style in rows:
+        wide = f" colspan='{len(head)}' style='white-space: normal'" if len(cells) == 1 else ""
+        body += f"<tr{style}>{''.join(f'<td{wide}>{cell}</td>' for cell in cells)}</tr>"
     return (
         "<div style='padding: 0.15em 0.75em; line-height: 1.5; font-size: var(--note); overflow-x: auto'>"
-        f"<table class='mics'><tr>{columns}</tr>{''.join(rows)}</table></div>"
+        f"<table class='mics'><tr>{columns}</tr>{body}</table></div>"
     )
-
-
-def row(cells: Sequence[str], style: str = "") -> str:
-    """Return a row of a table."""
-    return f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>"
 
 
 def named(name: str, faulty: bool) -> str:

@@ -78,9 +78,13 @@ def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme:
     pieces, labels = [glyphs.loop(corners, level)], list[Label]()
     edges: list[tuple[float, float, float, Anchor]] = [(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]
     for axis, (start, end, across, anchor) in enumerate(edges):
-        ticks, places, texts = glyphs.ruler(start, end, across, axis, tick, level)
+        values = glyphs.round_ticks(start, end, 8)
+        ticks = np.full((len(values), 2, 3), level)
+        ticks[:, :, axis] = values[:, None]
+        ticks[:, 0, 1 - axis], ticks[:, 1, 1 - axis] = across, across - tick
         pieces.append(ticks)
-        labels += _numbers("xy"[axis], places, texts, anchor)
+        places = ticks[:, 1] - 0.6 * tick * np.eye(3)[1 - axis]
+        labels += _numbers("xy"[axis], places, glyphs.tick_texts(values), anchor)
     labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), "top-right"))
     labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), "bottom-center"))
     outline = lines("frame", np.concatenate(pieces), theme.foreground, 1.5)

@@ -39,7 +39,7 @@ from ..model.settings import SolverSettings, search_around
 from ..model.validation import evenly_spaced
 from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import EDGE, MARKS, marks_json, symbol_svg
-from .picture import focus_of, wall_height, z_range_of
+from .picture import focus_of, row_word, wall_height, z_range_of
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
@@ -183,31 +183,20 @@ def run_data(
     maps, arrays = (None if problem is None else map_data(problem, settings)) or (None, {})
     corrected = maps is not None and any(state.channels is not None for state in states)  # by gains and noise
     (N, D), count, numbers = states[0].positions.shape, len(states), 2 if truth is None else 4
-    room = max_bytes - BASE_BYTES - NAME_BYTES * N - sum(a.nbytes for a in arrays.values()) * 4 / 3
+    space = max_bytes - BASE_BYTES - NAME_BYTES * N - sum(a.nbytes for a in arrays.values()) * 4 / 3
     each = 4 * N * (D + 3 * corrected) + 4 * len(STATE_NUMBERS) + 8 * numbers  # bytes of a state before they are coded
-    kept = evenly_spaced(count, max(2, int(room / (each * 4 / 3))))
+    kept = evenly_spaced(count, max(2, int(space / (each * 4 / 3))))
     for part in parts:
         part["range"] = np.searchsorted(kept, part["range"]).tolist()
     ends = [end for part in parts for end in part["range"]]
     changing, table = _state_data(measurement, [states[i] for i in kept], reference_cost, sought, ends, corrected)
-    data = _static_data(scene, measurement) | changing | {"taken": count, "microphone": microphone}
-    return data | {"maps": maps, "packed": packed(arrays | table)}
-
-
-def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Return a template with each @NAME@ replaced by the part of that name."""
-    return re.sub(r"@([A-Z]+)@", lambda match: parts[match[1]], template)
-
-
-def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
-    """Return the data that do not change during a run: names, known microphones, the room."""
     room = None if scene is None or scene.source is None else scene
-    return {
+    fixed = {
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
         "given": np.round(np.asarray(measurement.known_positions, float), 6).tolist(),
         "reference": measurement.reference,
-        "row": "row" if measurement.take_count > 1 else "mode",
+        "row": row_word(measurement),
         "aligned": bool(measurement.blind),  # each state is moved as a whole to the true positions
         "dimension": measurement.array_dimension,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),
@@ -219,6 +208,13 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "sources": [] if room is None else [list(place) for place in room.emitter.places],
         "tall": 0.0 if room is None else wall_height(room),
     }
+    data = fixed | changing | {"taken": count, "microphone": microphone}
+    return data | {"maps": maps, "packed": packed(arrays | table)}
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Return a template with each @NAME@ replaced by the part of that name."""
+    return re.sub(r"@([A-Z]+)@", lambda match: parts[match[1]], template)
 
 
 def _state_data(

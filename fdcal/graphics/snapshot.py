@@ -37,19 +37,10 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
         raise InputError(problem, remedy, key="size")
     require_choice("view", view, VIEWS)
     try:
-        return call(png_bytes, picture, tuple(size), view, seconds=TIMEOUT)
+        return call(drawn_png, picture, tuple(size), view, seconds=TIMEOUT)
     except ProcessError as error:
         remedy = VERSIONS if MISFIT.match(str(error)) and "shared object" not in str(error) else REMEDY
         raise StorageError(f"the picture could not be drawn ({error}); {remedy}") from error
-
-
-def png_bytes(picture: Picture, size: tuple[int, int], view: str) -> bytes:
-    """Return the bytes of the PNG, drawn by this process, which a wrong GL library may crash."""
-    from PIL import Image
-
-    png = io.BytesIO()
-    Image.fromarray(draw(picture, size, view)).save(png, format="png")
-    return png.getvalue()
 
 
 MIN_LINE_WIDTH = 0.75  # pixels
@@ -73,10 +64,11 @@ def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
     return camera_for(picture, size, view, margins(picture, size))
 
 
-def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
-    """Return the image (H, W, 3) uint8, on the main thread of a process with a GL library."""
+def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
+    """Return the bytes of the PNG, drawn on the main thread of this process, which a wrong GL library may crash."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
+    from PIL import Image
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
     if picture.surfaces:  # VTK sorts no translucent surfaces with the other kind of anti-aliasing
@@ -110,7 +102,9 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
     plotter.renderer.ResetCameraClippingRange()
     pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
-    return annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)
+    png = io.BytesIO()
+    Image.fromarray(annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)).save(png, format="png")
+    return png.getvalue()
 
 
 def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:

@@ -107,9 +107,11 @@ class MicrophonePicker:
         if gesture is None or index not in range(self._count) or not self._movable[index]:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        place = plane_point(eye, point, float(self._shown[index, 2]))
-        if place is not None:
-            place = np.clip(place, self._low[: len(place)], self._high[: len(place)])
+        level, sight = float(self._shown[index, 2]), point - eye
+        # A line of sight that does not go downwards never meets the height of the microphone. A busy page reports NaN.
+        if level < eye[2] and sight[2] < -1e-9 * np.linalg.norm(sight):
+            place = (eye + sight * ((level - eye[2]) / sight[2]))[:2]
+            place = np.clip(place, self._low[:2], self._high[:2])
             self._last[event.client_id] = move, index, place
             if event.phase != "end":
                 move(index, place, gesture, False)
@@ -142,18 +144,6 @@ class MicrophonePicker:
         if not np.array_equal(self._shown, places):
             self._shown = places
             self.handles.batched_positions = places.astype(np.float32)
-
-
-def plane_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:
-    """Return where the ray from the eye through `point` meets the ground at z = `level` : (2,), metres; or None."""
-    if point.shape != (3,) or not np.isfinite(point).all():
-        return None
-    along = point - eye
-    length = np.linalg.norm(along)
-    if along[2] >= -1e-9 * length:
-        return None
-    place = eye + along * ((level - eye[2]) / along[2])
-    return place[:2] if level < eye[2] and np.isfinite(place).all() else None
 
 
 ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum

@@ -55,12 +55,6 @@ class PageCamera:
     checks: int = 0  # number of checks of the page since its camera was placed
 
 
-def canvas(camera) -> tuple[int, int]:
-    """Return width and height of a canvas, pixels, as the page reports them, within bounds."""
-    width, height = (min(max(round(edge), 1), MAX_PIXELS) for edge in (camera.image_width, camera.image_height))
-    return width, height
-
-
 def planes(wanted: Camera) -> tuple[float, float]:
     """Return the distances from the eye, metres, between which objects are drawn."""
     distance = math.dist(wanted.position, wanted.look_at)
@@ -170,7 +164,8 @@ class Cameras:
         floor = None if self.picture is None or view in ("top", "") else self.picture.floor
         heights = None if floor is None else floor.heights
         relief = 0.0 if heights is None else round(float(heights.max()), 2)
-        return canvas(camera), self.lecture, self.caption, page.expert, relief
+        size = tuple(min(max(round(edge), 1), MAX_PIXELS) for edge in (camera.image_width, camera.image_height))
+        return size, self.lecture, self.caption, page.expert, relief
 
     def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills the space that the panels leave.

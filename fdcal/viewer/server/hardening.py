@@ -265,10 +265,6 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         if name not in COSTS or name.startswith("FileTransfer"):  # `own_files` takes uploads itself
             server._websock_server.unregister_handler(message)
     _drop_bad_updates(server)
-    if port and server.get_port() != port:  # viser takes the next free port without a message
-        with contextlib.redirect_stdout(io.StringIO()):
-            server.stop()
-        raise InputError(f"port = {port} is in use", FREE_PORT, key="port")
     return server
 
 

@@ -152,7 +152,14 @@ class CurvesTab(Tab):
         while kept and self._states[kept - 1] is not history[kept - 1]:
             kept -= 1
         self._decades = self._decades if kept else range(0)
-        self._states[kept:], self._rows[kept:] = history[kept:], [self._row(one) for one in history[kept:]]
+        self._states[kept:], self._rows[kept:] = history[kept:], []
+        for one in history[kept:]:
+            errors = self._measurement.errors(one.positions, self._sought)
+            errors = np.zeros(1) if errors is None else errors[self._sought]
+            # a finite number, also of NaN
+            finite = (min(max(ZERO, float(1e3 * error)), 1e12) for error in (errors.mean(), errors.max()))
+            all_at_once = one.step == one.sweep  # each step of the solver moves all microphones
+            self._rows.append((one.step if all_at_once else one.step / self._free, *finite))
         drawn = evenly_spaced(len(self._rows), MAX_POINTS)
         x, mean, largest = np.array(self._rows, float)[drawn].T
         if self.error is not None:
@@ -168,10 +175,3 @@ class CurvesTab(Tab):
         known = np.flatnonzero(np.isfinite(cost))
         if len(known):  # the curve is interpolated between the known costs
             self.cost.show((x, np.interp(drawn, known, cost[known])))
-
-    def _row(self, state) -> tuple:
-        errors = self._measurement.errors(state.positions, self._sought)
-        errors = np.zeros(1) if errors is None else errors[self._sought]
-        all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
-        finite = (min(max(ZERO, float(1e3 * error)), 1e12) for error in (errors.mean(), errors.max()))  # also of NaN
-        return state.step if all_at_once else state.step / self._free, *finite

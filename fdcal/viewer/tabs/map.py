@@ -194,7 +194,6 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 HIDDEN = -1e3  # below a plot, for points without a value: uPlot cannot draw NaN
 ORDERS = {"Lowest first": False, "Highest first": True}  # whether modes are added from the highest down
 RATE, MAX_RATE = 4, 20  # modes per second
-NONE, NEXT = -2, -1  # in place of the number of the state whose sweep is wanted: no state, and the present state
 ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
 
 
@@ -212,7 +211,8 @@ class SweepTab(Tab):
         self._sweep: Sweep | None = None
         self.playing: Playback | None = None
         self._wanted: CostMapRequest | None = None  # request of the last sweep
-        self._revision, self._curve, self._drawn, self._modes = NONE, Memo(), Memo(), Memo()
+        self._revision = -1  # of the state whose maps are wanted
+        self._curve, self._drawn, self._modes = Memo(), Memo(), Memo()
         self._last: CostMap | None = None  # the map that was shown last
         self._alone, self._label = False, f"Add {row}s one by one"
         series = (
@@ -257,7 +257,7 @@ class SweepTab(Tab):
             return
         sequence = self._sequence()
         after = first_of(sequence, self._binding.choices.modes or ())  # from the beginning after the last map
-        self._revision, self.playing = NEXT, Playback(after % len(sequence))
+        self._revision, self.playing = self._binding.state.revision, Playback(after % len(sequence))
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
 
@@ -356,9 +356,7 @@ class SweepTab(Tab):
     def show(self, state: PageState) -> None:
         """Request the maps of a sweep that plays or is wanted, play it, and update the controls."""
         binding, choices, playing = self._binding, self._binding.choices, self.playing
-        if self._revision == NEXT:
-            self._revision = state.revision
-        elif self._revision != state.revision and playing is None:
+        if playing is None and self._revision != state.revision:
             self._wanted = self.worker.requested = None  # its curve is of another state
         if (playing is not None or self._revision == state.revision) and not state.view.running:
             style, order = MapStyle(log=choices.log), choices.map_order

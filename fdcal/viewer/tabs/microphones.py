@@ -8,7 +8,7 @@ from html import escape
 import numpy as np
 
 from ...assessment.calibration import Channels
-from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, lesson_panel, named, row, table
+from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, lesson_panel, named, table
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
 from ..html import CARD
@@ -28,7 +28,7 @@ def given_table(channels: Channels | None) -> str:
     for one in sorted(channels.given, key=lambda one: -one.difference)[:MAX_ROWS]:
         places = (",<br>".join(f"{x:z.4f}" for x in place) for place in (one.given, one.found))
         cells = named(one.name, one.wrong), mm_text(one.difference), f"&plusmn; {mm_text(one.sigma)}", *places
-        rows.append(row(cells, FAULTY if one.wrong else ""))
+        rows.append((cells, FAULTY if one.wrong else ""))
     return f"<div style='{CARD}'><b>Given positions</b></div>{table(GIVEN_HEAD, rows)}"
 
 
@@ -55,7 +55,7 @@ def position_table(
             *([] if errors is None else [_millimetres(errors[n])]),
             *([] if sigma is None else ["" if n in known else _millimetres(float(sigma[n]))]),
         ]
-        rows.append(row(cells, SELECTED if n == selected else ""))
+        rows.append((cells, SELECTED if n == selected else ""))
     error = [] if errors is None else [f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"]
     more = len(positions) - MAX_ROWS
     below = f"<div style='{CARD} opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
