@@ -23,15 +23,19 @@ DECIBELS_PER_NEPER = 20 / np.log(10)
 CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
 
 
-def _freeze(part: object, *names: str) -> None:
-    """Replace attributes by read-only float64 copies, where they are given."""
-    for name in names:
-        if getattr(part, name) is not None:
-            object.__setattr__(part, name, frozen_array(getattr(part, name), float))
+class FrozenArrays:
+    """Replaces the attributes that `arrays` names by read-only float64 copies, where they are given."""
+
+    arrays: ClassVar[tuple[str, ...]]
+
+    def __post_init__(self):
+        for name in self.arrays:
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_array(getattr(self, name), float))
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(FrozenArrays):
     """The figures behind a verdict.
 
     Attributes
@@ -49,18 +53,16 @@ class Evidence:
         quotes it. None if no noise is given.
     """
 
+    arrays = "microphones_db", "frequencies_db"
     residual_to_noise: float
     leave_one_out_db: float | None = None
     microphones_db: np.ndarray | None = None
     frequencies_db: np.ndarray | None = None
     noise_to_given: float | None = None
 
-    def __post_init__(self):
-        _freeze(self, "microphones_db", "frequencies_db")
-
 
 @dataclass(frozen=True, eq=False)
-class KnownRoom:
+class KnownRoom(FrozenArrays):
     """What solver "room" finds beside the positions.
 
     Attributes
@@ -76,13 +78,11 @@ class KnownRoom:
         "(6 - x, y)", and the positions, metres.
     """
 
+    arrays = ("source",)
     size: tuple[float, ...]
     source: np.ndarray
     admittance: complex
     symmetries: tuple[tuple[str, np.ndarray], ...]
-
-    def __post_init__(self):
-        _freeze(self, "source")
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class GivenPosition:
 
 
 @dataclass(frozen=True, eq=False)
-class Channels:
+class Channels(FrozenArrays):
     """Gain and noise of every channel, and the positions found where positions were given.
 
     Solver "robust" estimates gains and corrects given positions. Solver "joint" takes gains as 1 except for gross
@@ -195,6 +195,7 @@ class Channels:
         Of the microphones whose positions were given, in their order.
     """
 
+    arrays = CHANNEL_NUMBERS
     gain_db: np.ndarray
     gain_sigma_db: np.ndarray
     phase_deg: np.ndarray
@@ -202,9 +203,6 @@ class Channels:
     noise_db: np.ndarray
     faults: tuple[ChannelFault, ...] = ()
     given: tuple[GivenPosition, ...] = ()
-
-    def __post_init__(self):
-        _freeze(self, *CHANNEL_NUMBERS)
 
     @property
     def gains_sought(self) -> bool:
@@ -236,7 +234,7 @@ class Run:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration:
+class Calibration(FrozenArrays):
     """Positions of the microphones of an array, and whether to trust them.
 
     Attributes
@@ -299,6 +297,7 @@ class Calibration:
     [[0.0, 0.0], [3.0, 4.0]]
     """
 
+    arrays = "positions", "frequencies", "errors", "uncertainty", "covariance"
     positions: np.ndarray
     names: tuple[str, ...]
     solver: str
@@ -337,9 +336,6 @@ class Calibration:
     to_dataframe: ClassVar[Callable[..., Any]]
     plot: ClassVar[Callable[..., Any]]
     show: ClassVar[Callable[..., Any]]
-
-    def __post_init__(self):
-        _freeze(self, "positions", "frequencies", "errors", "uncertainty", "covariance")
 
     @property
     def healthy(self) -> np.ndarray:

@@ -275,19 +275,17 @@ def load_result(path: str | PathLike[str]) -> Calibration:
 def _checked(content: dict, where: str) -> ResultTable:
     """Return the declared keys of a file after a check of their types, shapes and mutual consistency."""
 
-    def require(right: bool, key: str, problem: str) -> None:
+    def require(right: bool, key: str, problem: str, remedy: str = "") -> None:
         if not right:
-            raise InputError(f'{where}: "{key}" {problem}', key=key)
+            raise InputError(f'{where}: "{key}" {problem}', remedy, key=key)
 
-    def require_key(right: bool, key: str) -> None:
-        if not right:
-            raise InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
+    missing = "is missing", "write it with `fdcal calibrate -o`"
 
     try:
         table = msgspec.convert(content, ResultTable)
     except msgspec.ValidationError as error:  # as "Expected `float`, got `str` - at `$.positions[0][1]`"
-        if missing := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
-            require_key(False, missing[1])
+        if absent := re.fullmatch(r"Object missing required field `(\w+)`", str(error)):
+            require(False, absent[1], *missing)
         reason, _, place = str(error).rstrip("`").rpartition(" - at `$.")
         key = re.split(r"\W", place)[0]
         reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
@@ -301,8 +299,8 @@ def _checked(content: dict, where: str) -> ResultTable:
         right = content.get(key) is None or np.array(content[key], object).shape == shape
         require(right, key, f"must be of shape {shape}, of {sizes['N']} microphones in {sizes['D']} dimensions")
     absent = [RENAMED[name] for name in CHANNEL_NUMBERS if getattr(table, name) is None]
-    if len(absent) < len(CHANNEL_NUMBERS):
-        require_key(not absent, absent[0] if absent else "")
+    if 0 < len(absent) < len(CHANNEL_NUMBERS):
+        require(False, absent[0], *missing)
     if table.symmetries is not None:
         right = {"room", "source", "admittance"} <= content.keys()
         require(right, "symmetries", 'needs "room", "source" and "admittance"')

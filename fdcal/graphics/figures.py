@@ -25,7 +25,7 @@ from ..model.settings import search_around
 from ..model.validation import InputError
 from .heatmap import SHOWN
 from .marks import ELLIPSE, plot_marks
-from .picture import enlargement
+from .picture import NO_ELLIPSE, ellipse_scale
 from .primitives import COLOUR_MAP, fractions
 
 if TYPE_CHECKING:
@@ -178,11 +178,8 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
 def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
     """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor if they are small beside the array (N, D)."""
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
-    longest = np.linalg.norm(axes[:, -1], axis=1)
-    shown = longest > 0
-    if not shown.any():
-        return
-    factor = enlargement(float(np.median(longest[shown])), float(np.ptp(positions, axis=0).max()))
+    shown = np.linalg.norm(axes[:, -1], axis=1) > NO_ELLIPSE
+    factor = ellipse_scale(axes, float(np.ptp(positions, axis=0).max()))
     angles = np.linspace(0, 2 * np.pi, SIDES + 1)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     label = "95 % ellipse" + (f", {factor:g} times enlarged" if factor > 1 else "")

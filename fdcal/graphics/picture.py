@@ -359,20 +359,15 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return the round factor, 1 or more, that makes most error ellipses visible beside `extent`, metres.
+    """Return 1, 2, 5, 10, ...: the smallest factor that makes most error ellipses visible beside `extent`, metres.
 
     `axes` (N, D, D), metres, half axes in rows, the longest last.
     """
     longest = np.linalg.norm(np.asarray(axes, float)[:, -1], axis=1)
     drawn = longest[longest > NO_ELLIPSE]
-    return enlargement(float(np.median(drawn)), extent) if len(drawn) else 1.0
-
-
-def enlargement(half_axis: float, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the smallest that makes a half axis visible beside the extent, both in metres."""
-    wanted = VISIBLE * extent / half_axis
-    if wanted <= 1:
+    if not len(drawn) or np.median(drawn) >= VISIBLE * extent:
         return 1.0
+    wanted = VISIBLE * extent / float(np.median(drawn))
     power = 10.0 ** np.floor(np.log10(wanted))
     return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
 

@@ -30,8 +30,9 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
 
     The surface encloses all lower values. Where these reach the edge of the lattice, it is closed there.
     """
+    nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
     if level > values.max():
-        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
+        return nothing
     # VTK takes a third of a second to load, so only a page with isosurfaces does
     import vtkmodules.util.numpy_support as arrays
     import vtkmodules.vtkCommonDataModel as vtk_data
@@ -53,7 +54,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     contour.Update()
     found = contour.GetOutput()
     if not found.GetNumberOfPolys():
-        return np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
+        return nothing
     vertices = arrays.vtk_to_numpy(found.GetPoints().GetData()).astype(float)
     faces = arrays.vtk_to_numpy(found.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(int)
     normals = arrays.vtk_to_numpy(found.GetPointData().GetNormals()).astype(float)
