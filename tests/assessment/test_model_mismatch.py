@@ -24,7 +24,7 @@ def directions(count, dimension, rng):
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
     x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (18, 3))
-    f = np.linspace(60, 400, MODES)
+    f = np.linspace(60, 400, 20)
     r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
 

@@ -291,10 +291,18 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
             np.testing.assert_allclose(found, maps, atol=1e-4 * maps.max())
 
 
-def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(browser, tmp_path):
+def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_the_sum_of_its_modes(browser, tmp_path):
     text, problem, _ = replay_of(measured(2, 2))
     _, _, positions = contents(text)
-    with opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6") as page:
+    vain = "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0"
+    with opened(browser, tmp_path / "sum.html", text, vain) as page:
+        said = page.locator("#note").inner_text()
+        assert said == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
+        page.get_by_text("step 0, sweep 0").wait_for()
+        page.evaluate("location.hash = 'step=999999&microphone=12&modes=2-6'")  # the last step is the nearest one
+        page.get_by_text("step 30, sweep 0").wait_for()
+        wait_for(page, "document.getElementById('note').innerText == ''")
+        wait_for(page, "replay.map?.n == 12 && replay.map.indices.length == 5")
         lattice = refined(problem.search, FINE_POINTS)  # of few modes
         total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
         cost = np.array(json.loads(page.evaluate("JSON.stringify([...replay.map.cost])"))).reshape(total.shape)
@@ -361,18 +369,6 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
             again.get_by_role("button", name="Reset view").click()
             wait_for(again, "location.hash == '#step=10&modes=3&view=3d&trails=on&theme=dark'")
             again.get_by_role("button", name="Reset view").wait_for(state="hidden")
-
-
-def test_what_an_address_asks_for_in_vain_is_said(browser, tmp_path):
-    text, *_ = replay_of(measured(2, 2))
-    address = "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0"
-    with opened(browser, tmp_path / "vain.html", text, address) as page:
-        note = page.locator("#note").inner_text()
-        assert note == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
-        page.get_by_text("step 0, sweep 0").wait_for()
-        page.evaluate("location.hash = 'step=999999&modes=1-3'")  # the last step is the nearest one
-        page.get_by_text("step 30, sweep 0").wait_for()
-        wait_for(page, "document.getElementById('note').innerText == ''")
 
 
 def test_a_large_measurement_keeps_the_lowest_modes_within_the_bound():

@@ -12,6 +12,7 @@ from fdcal.graphics.replay import replay_html
 from fdcal.model.scene import load_scene
 
 MICROPHONE = 8
+ADDRESS = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top"
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +36,19 @@ def path(run, tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def page(browser, path):
-    address, ready = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top", f"window.replay?.map?.n == {MICROPHONE}"
-    with offline_page(browser, path, address, ready) as page:
+@pytest.fixture(scope="module")
+def opened(browser, path):
+    with offline_page(browser, path, ADDRESS, f"window.replay?.map?.n == {MICROPHONE}") as page:
         page.set_default_timeout(WAIT * 1e3)
         yield page
+
+
+@pytest.fixture
+def page(opened):
+    """The page of all of these tests, with the recording as it was."""
+    opened.evaluate(f"document.getElementById('back').click(); location.hash = 'step=1'; location.hash = '{ADDRESS}'")
+    wait_for(opened, f"!replay.own && replay.map?.n == {MICROPHONE} && replay.map.indices.length == 3")
+    return opened
 
 
 def drag(page, across, up):
