@@ -86,7 +86,7 @@ def run() -> Iterator[Figure]:
                 rng.choice(pages).press(rng)
                 time.sleep(rng.uniform(0, PAUSE))
                 during.append(_taken(served))
-            pages[0].set("Scene", OTHER)  # choosing another scene takes back what was typed in the fields of this one
+            switch(pages[0], OTHER, False, WAIT)  # takes back what was typed in the fields of this scene
             switch(pages[0], SCENE, False, WAIT)
             settle(served, SETTLE)
             rested.append(_taken(served))

@@ -73,7 +73,6 @@ def switch(page: ProtocolPage, scene: str, runs: bool, longest: float = TIMEOUT)
     """Open a scene as a user does, and wait until its controls are there, `longest` s at most."""
     before = page.controls["Apply"]
     page.set("Scene", scene)
-    page.set("Apply", True)
     page.wait_for(lambda: page.controls["Apply"] != before, longest)
     if runs:
         page.set("Play", True)

@@ -21,16 +21,6 @@ DARKEST = 0.55  # brightness of a slope that the light does not reach
 BRIGHTEST = 0.3  # fraction of white on a slope that faces the light
 
 
-def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
-    """Return the colours of a map (ny, nx, 3) as the light makes them; level ground keeps its colour; metres."""
-    rise_y, rise_x = np.gradient(np.asarray(heights, float), step)
-    light = TOWARDS_LIGHT / TOWARDS_LIGHT[2]  # level ground has the brightness 1
-    brightness = (1.0 - rise_x * light[0] - rise_y * light[1]) / np.sqrt(1.0 + rise_x**2 + rise_y**2)
-    dark = (DARKEST + (1 - DARKEST) * np.clip(brightness, 0.0, 1.0))[..., None]
-    white = (BRIGHTEST * np.clip(brightness - 1.0, 0.0, 1.0))[..., None]
-    return np.rint((1 - white) * dark * rgb + white * 255).astype(np.uint8)
-
-
 def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
     """Return the surface of a map of heights (ny, nx) above its own : points (ny + 2, nx + 2, 3) float64, metres.
 
@@ -98,7 +88,12 @@ def cost_floor(
     if relief:
         fractions = normalise(cost, *colour_limits(cost, log, WHOLE), log)
         heights = frozen_array(RELIEF_HEIGHT * (max(cost.shape) * search.step) * fractions, np.float32)
-        rgb = shaded(rgb, heights, search.step)
+        rise_y, rise_x = np.gradient(np.asarray(heights, float), search.step)
+        light = TOWARDS_LIGHT / TOWARDS_LIGHT[2]  # level ground has the brightness 1 and keeps its colour
+        brightness = (1.0 - rise_x * light[0] - rise_y * light[1]) / np.sqrt(1.0 + rise_x**2 + rise_y**2)
+        dark = (DARKEST + (1 - DARKEST) * np.clip(brightness, 0.0, 1.0))[..., None]
+        white = (BRIGHTEST * np.clip(brightness - 1.0, 0.0, 1.0))[..., None]
+        rgb = np.rint((1 - white) * dark * rgb + white * 255).astype(np.uint8)
     bar = ColourBar(low, high, label)
     return lattice_floor(rgb, search, cost.shape, bar, lowest, height, minima=others, heights=heights)
 

@@ -1,4 +1,4 @@
-"""The tab Scene: array, walls, noise and known microphones of the scene; Apply simulates the changed scene."""
+"""The tab Scene: another scene, or array, walls, noise and known microphones of this one, which Apply simulates."""
 
 import math
 from dataclasses import replace
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import viser
 
-from ...model.scene import MEASURED_AND_MODELLED, WALLS, MeasuredScene, Scene, load_scene, scene_names
+from ...model.scene import MEASURED_AND_MODELLED, WALLS, MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.scene_edits import min_known, parameters_of, with_parameters
-from ...session.sources import OpenRequest
+from ...session.sources import OpenRequest, scene_request
 from .. import html
 from ..state import Binding, Tab
 
@@ -18,9 +18,6 @@ MEASURED = (
     "This is a measurement: room, array and noise are as recorded and cannot be edited. Choose another scene to"
     " simulate one."
 )
-OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate this scene and restart")
-
-
 # Bounds of the controls: radius in metres, absorption in %, SNR in dB, error of the sound speed in %.
 MICROPHONES, RADII, ABSORPTION, SNR, SPEED_ERROR = (4, 150), (0.05, 3.0), (0.1, 99.0), (-10, 90), (-5.0, 5.0)
 DEFAULT_SNR, MAX_SEED = 40, 2**31 - 1  # dB, value of the slider when noise is switched on
@@ -36,71 +33,45 @@ class SceneTab(Tab):
     part, where = "scene", "Scene"
 
     def __init__(self, binding: Binding):
-        self._binding, self._scene = binding, binding.run.scene
-        name, self._own_name = self._scene.name, ""  # in the list, of a scene that does not come with fdcal
-        if name not in scene_names():
-            self._own_name = name
-        elif isinstance(self._scene, MeasuredScene) and not self._scene.file:
-            self._own_name = f"{name} (measured)"  # distinguishes it from the scene of the same name
-        gui, walls = binding.gui, self._scene.room.walls
-        names = (*scene_names(), *([self._own_name] if self._own_name else []))
-        self.name = binding.dropdown("Scene", names, self._own_name or self._scene.name, self.choose)
-        self.title = gui.add_html("")
-        low, high = MICROPHONES
-        self.microphones = binding.slider("Microphones", low, high, 1, low, lambda _: self.refresh())
-        hint = f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it"
-        radius = gui.add_number("Array radius (m)", 1.0, min=0.0, max=MAX_TYPED, step=0.01, hint=hint)
-        self.radius = binding.on(radius, lambda _: self._check_radius())
-        self.walls = binding.dropdown("Walls", WALLS, walls if walls in WALLS else WALLS[0], lambda _: self.refresh())
-        low, high = ABSORPTION
-        self.absorption = gui.add_number(
-            "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
-        )
-        self.noise = binding.checkbox("Noise", False, lambda _: self.refresh())
-        self.snr = gui.add_slider("SNR (dB)", *SNR, 1, DEFAULT_SNR, hint="Signal-to-noise ratio of each mode")
-        self.speed = gui.add_slider(
-            "Sound-speed error (%)", *SPEED_ERROR, 0.1, 0.0,
-            hint="By how much the solver's sound speed exceeds the true one",
-        )  # fmt: skip
-        self.known = gui.add_slider(
-            "Known microphones", 0, MICROPHONES[1], 1, 3, hint="Microphones whose positions are given"
-        )
-        self.seed = gui.add_number(
-            "Scene seed", 0, min=0, max=MAX_SEED, step=1,
-            hint="Of random microphone positions, of the noise and of random starts",
-        )  # fmt: skip
-        self.apply = binding.button(APPLY[0], lambda _: self.press(), icon=viser.Icon.CHECK, hint=APPLY[1])
-        self.message = binding.gui.add_html("")
-        self._show_scene(self._scene)
-
-    def _show_scene(self, scene: Scene) -> None:
-        """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
-        self._scene, measured = scene, isinstance(scene, MeasuredScene)
-        has_walls = not measured and scene.room.response is None
-        self.title.content, self.title.visible = html.remark(scene.title), measured
-        for handle in (
-            self.microphones, self.radius, self.absorption, self.noise, self.snr, self.speed, self.known, self.seed,
-        ):  # fmt: skip
-            handle.visible = not measured
-        self.walls.visible = has_walls
-        self.apply.visible = not isinstance(scene, MeasuredScene) or bool(scene.file)
-        self.apply.label, self.apply.hint = OPEN if measured else APPLY
+        self._binding, self._scene, gui = binding, binding.run.scene, binding.gui
+        scene, self._own_name = self._scene, self._scene.name
+        if isinstance(scene, MeasuredScene) and not scene.file and scene.name in scene_names():
+            self._own_name = f"{scene.name} (measured)"  # distinguishes it from the scene of the same name
+        names = tuple(dict.fromkeys((*scene_names(), self._own_name)))
+        self.name = binding.dropdown("Scene", names, self._own_name, self.choose, hint="Opens the scene")
         if isinstance(scene, MeasuredScene):
-            self.message.content = html.remark(f"{scene.remark} {MEASURED}".strip())
+            gui.add_html(html.remark(scene.title))
+            self.message = gui.add_html(html.remark(f"{scene.remark} {MEASURED}".strip()))
             return
-        self.message.content = "" if scene.room.response is None else html.remark(MEASURED_AND_MODELLED)
-        parameters = parameters_of(scene)
-        self.microphones.max = max(MICROPHONES[1], parameters.microphones)
-        self.microphones.value = parameters.microphones
-        self.microphones.disabled = self._scene.array.positions is not None
-        self.radius.value = round(parameters.radius, 4)
-        if parameters.walls in WALLS:  # those of a measured room are unknown
-            self.walls.value = parameters.walls
-        self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
-        self.noise.value = noisy = math.isfinite(parameters.snr_db)
-        self.snr.value = round(np.clip(parameters.snr_db, *SNR)) if noisy else DEFAULT_SNR
-        self.speed.value = float(np.clip(100 * parameters.sound_speed_error, *SPEED_ERROR))
-        self.seed.value = min(parameters.seed, MAX_SEED)
+        parameters, modelled, count = parameters_of(scene), scene.room.response is not None, scene.array.number
+        low, high = MICROPHONES
+        self.microphones = binding.slider(
+            "Microphones", min(low, count), max(high, count), 1, count, lambda _: self.refresh(),
+            disabled=scene.array.positions is not None,
+        )  # fmt: skip
+        hint = f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it"
+        own = round(parameters.radius, 4)
+        radius = gui.add_number("Array radius (m)", own, min=0.0, max=MAX_TYPED, step=0.01, hint=hint)
+        self.radius = binding.on(radius, lambda _: self._check_radius())
+        walls = parameters.walls if parameters.walls in WALLS else WALLS[0]  # those of a measured room are unknown
+        self.walls = binding.dropdown("Walls", WALLS, walls, lambda _: self.refresh(), visible=not modelled)
+        absorbed, (low, high) = round(100 * parameters.absorption, 2) or 1.0, ABSORPTION
+        hint = "Absorbed energy of a wave at normal incidence"
+        self.absorption = gui.add_number("Absorption (%)", absorbed, min=low, max=high, step=0.1, hint=hint)
+        noisy = math.isfinite(parameters.snr_db)
+        self.noise = binding.checkbox("Noise", noisy, lambda _: self.refresh())
+        snr = round(np.clip(parameters.snr_db, *SNR)) if noisy else DEFAULT_SNR
+        self.snr = gui.add_slider("SNR (dB)", *SNR, 1, snr, hint="Signal-to-noise ratio of each mode")
+        error = float(np.clip(100 * parameters.sound_speed_error, *SPEED_ERROR))
+        hint = "By how much the solver's sound speed exceeds the true one"
+        self.speed = gui.add_slider("Sound-speed error (%)", *SPEED_ERROR, 0.1, error, hint=hint)
+        hint = "Microphones whose positions are given"
+        self.known = gui.add_slider("Known microphones", 0, max(MICROPHONES[1], count), 1, parameters.known, hint=hint)
+        seed, hint = min(parameters.seed, MAX_SEED), "Of random microphone positions, of the noise and of random starts"
+        self.seed = gui.add_number("Scene seed", seed, min=0, max=MAX_SEED, step=1, hint=hint)
+        hint = "Simulate this scene and restart"
+        self.apply = binding.button("Apply", lambda _: self.press(), icon=viser.Icon.CHECK, hint=hint)
+        self.message = gui.add_html(html.remark(MEASURED_AND_MODELLED) if modelled else "")
         self.refresh()
         self.known.value = parameters.known
         self._shown = self._values()
@@ -120,9 +91,12 @@ class SceneTab(Tab):
         self.known.min, self.known.max = low, high
 
     def choose(self, name: str) -> None:
-        """Show the parameters of another scene; those of the page's own scene are the present ones."""
+        """Open another scene."""
+        if name == self._own_name:
+            return
+        self.name.value = self._own_name  # until the other one is shown, which may be refused
         try:
-            self._show_scene(self._binding.run.scene if name == self._own_name else load_scene(name))
+            self._binding.open(scene_request(load_scene(name)))
         except (InputError, StorageError) as error:
             self.message.content = html.complaint(error)
 
@@ -151,10 +125,6 @@ class SceneTab(Tab):
 
     def press(self) -> None:
         """Open the changed scene, or say in one line why it is refused."""
-        if isinstance(self._scene, MeasuredScene):
-            if self._scene.file:  # a client can press a hidden button
-                self._binding.open(OpenRequest(self._scene, fewer_modes=True))
-            return
         if not self._check_radius():
             return
         try:
