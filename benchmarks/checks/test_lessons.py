@@ -97,7 +97,7 @@ def test_modes_together_share_one_minimum(square, lesson_text):
     for count in (57, 92, 99):  # of the lesson, of the film in the opening, and all
         found = minima_of(each[:count].sum(axis=0), fine)
         assert found.count == 1 and distances(found.lowest, truth) < 0.002
-    assert "The 57 lowest of the 99 modes" in text and "the 92 of the film in the opening" in text
+    assert "The 57 lowest of the 99 frequencies" in text and "the 92 of the film in the opening" in text
     assert len(problem.frequencies) == 99 and opening.MODE == 92
     np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
 
@@ -135,11 +135,11 @@ def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
     assert at_once.sweep == 7 and mean_error(measurement, at_once) == pytest.approx(190, abs=5)
     assert "After 7 sweeps" in text and "still 19 cm" in text and at_once.converged
     above = cost(measurement, at_once.positions) - cost(measurement, measurement.positions)
-    assert above == pytest.approx(39.4, abs=0.5) and "The cost is 39 dB above that of the true positions" in text
+    assert above == pytest.approx(39.4, abs=0.5) and "The misfit is 39 dB above that of the true positions" in text
     low = next(state for state in states[::-1] if state.last == 3)
     assert mean_error(measurement, staged) > 2 * mean_error(measurement, low)
     assert cost(measurement, staged.positions) > cost(measurement, low.positions) + 1
-    assert "Later error and cost rise again" in text
+    assert "Later error and misfit rise again" in text
     assert (
         low.sweep == 4 and round(mean_error(measurement, low)) == 3 and "after 4 sweeps the mean error is 3 mm" in text
     )
@@ -164,7 +164,7 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
     text = lesson_text("3_too_many_too_soon")
     assert (
         max(count for count, _ in few.values()) == 1
-        and "None of the 13 maps with three modes has more than one local minimum" in text
+        and "None of the 13 maps with three frequencies has more than one local minimum" in text
     )
     assert np.mean([distance for _, distance in few.values()]) == pytest.approx(0.03, abs=0.002)
     assert (

@@ -185,6 +185,9 @@ class SolverSettings:
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
         the solver can use (`fdcal.solvers.requirements`).
+    mode_order : str
+        In which order "descent" adds modes: "ascending", as the paper does, or "descending", from mode `modes` alone
+        to lower ones.
     order_offset : int
         Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
     ample_modes : int
@@ -223,6 +226,7 @@ class SolverSettings:
     name: str = "robust"
     modes: Count = ALL_MODES
     first_modes: Count = 3
+    mode_order: Literal["ascending", "descending"] = "ascending"
     order_offset: Whole = 2
     ample_modes: Count = 15
     known_weight: Positive = 1000.0
@@ -252,8 +256,8 @@ class SolverSettings:
     )
 
     OPTIONAL: typing.ClassVar = (
-        "modes", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
-        "sound_speed_sigma",
+        "modes", "mode_order", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg",
+        "known_sigma", "sound_speed_sigma",
     )  # fmt: skip
 
     def __post_init__(self):

@@ -172,7 +172,7 @@ def _coherent_radius(recording: Recording, dimension: int, speed: float) -> floa
     padded = fast_length(recording.samples)
     bins = np.unique(np.round(np.geomspace(low, top, COHERENCE_COUNT) * padded / recording.sample_rate).astype(int))
     bins = bins[bins <= padded // 2]
-    rows = [rfft(samples, padded)[:, bins] for _, samples in channel_groups(recording)]
+    rows = [rfft(samples.astype(np.float32), padded)[:, bins] for _, samples in channel_groups(recording)]
     spectra = np.concatenate(rows).T
     power = np.mean(np.abs(spectra) ** 2, axis=1)
     loud = power >= power.max() * 10 ** (-COHERENCE_RANGE / 10)

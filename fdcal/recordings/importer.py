@@ -38,6 +38,7 @@ from .recording import (
     ImportOptions,
     Noise,
     Recording,
+    in_memory,
     join_channels,
     number_in,
     read_samples,
@@ -173,7 +174,7 @@ def _measurement_of_take(
     recording: Recording, options: ImportOptions, max_rows: int, left_out: dict[str, str], number: int, takes: int
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of take `number` of `takes`, of at most `max_rows` rows, and a report on it."""
-    known, known_positions = np.zeros(0, int), None
+    recording, known, known_positions = in_memory(recording), np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
     recording, known_positions, height = _in_plane(recording, options, known_positions)

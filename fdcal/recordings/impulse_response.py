@@ -157,6 +157,7 @@ def segment_levels(recording: Recording, band: Band) -> np.ndarray:
     padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
     f = np.arange(padded // 2 + 1) * fs / padded
     smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
+    smooth = smooth.astype(np.float32)
     total = np.zeros(DECAY.segments)
     for row in reduced:
         kept = irfft(rfft(row, padded) * smooth, padded)[:samples]
@@ -166,14 +167,14 @@ def segment_levels(recording: Recording, band: Band) -> np.ndarray:
 
 
 def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
-    """Return a few channels (n, t) averaged over neighbouring samples, and their rate, suited to a band, Hz."""
+    """Return a few channels (n, t) float32 averaged over neighbouring samples, and their rate, suited to a band, Hz."""
     channels, factor = _measured_channels(recording), max(1, int(recording.sample_rate / (16 * band[1])))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
     for start in range(0, recording.samples - factor + 1, step):
         stop = start + (min(step, recording.samples - start) // factor) * factor
         values = read_samples(recording, start, stop, channels)
-        rows.append(values.reshape(len(channels), -1, factor).mean(axis=2))
+        rows.append(values.reshape(len(channels), -1, factor).mean(axis=2, dtype=np.float32))
     return np.concatenate(rows, axis=1), recording.sample_rate / factor
 
 

@@ -121,13 +121,12 @@ def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
 
 
 def in_memory(recording: Recording) -> Recording:
-    """Return the recording in memory as float32 if it is short; return a longer one unchanged."""
+    """Return the recording in memory, with the precision of its file, if it is short; return a longer one unchanged."""
     if recording.count * recording.samples > 4 * GROUP_SAMPLES:
         return recording
-    values = np.empty((recording.count, recording.samples), dtype=np.float32)
-    for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
-        values[:, start:stop] = read_samples(recording, start, stop)
-    return replace(recording, block=block_of(values))
+    every = np.arange(recording.count)
+    blocks = (recording.block(*at, every) for at in ranges(recording.samples, BLOCK_SAMPLES // recording.count))
+    return replace(recording, block=block_of(np.concatenate(list(blocks), axis=1)))
 
 
 def channel_groups(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarray]]:

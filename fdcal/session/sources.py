@@ -226,9 +226,6 @@ class OpenRequest:
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once
     fewer_modes: bool = False  # whether the number of modes is reduced to those that the measurement has
-    # the only mode at the start of a solver that adds modes, which then adds the next lower ones; None for the lowest
-    # modes, to which it adds the next higher ones
-    highest: int | None = None
 
     def __post_init__(self):
         convert(self.start_seed, Seed | None, "start_seed")

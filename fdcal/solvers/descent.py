@@ -5,7 +5,8 @@
     sweep  all free microphones move once, in an order drawn for this sweep
     stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
 
-The run begins with its lowest modes and with microphones at random candidates, which are the points of the search
+The run begins with its lowest modes, or from the highest down (`SolverSettings.mode_order`), and with microphones at
+random candidates, which are the points of the search
 lattice. The centre of the expansion is the centre of mass rounded to the lattice, so that one table of radial functions
 serves every step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
 coarse to fine (`fdcal.cost.lattice`), and only some of them are tried.
@@ -42,7 +43,17 @@ TRAITS = Traits(
     starts=("random", "affine"),
     draws_order=True,
     settings=frozenset(
-        {"modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known"}
+        {
+            "modes",
+            "first_modes",
+            "mode_order",
+            "order_offset",
+            "ample_modes",
+            "known_weight",
+            "max_sweeps",
+            "start",
+            "known",
+        }
     ),
 )
 
@@ -96,7 +107,8 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
         centre=frozen_array(centre, float),
         settings=settings,
         seed=seed,
-        last=settings.first_modes,
+        first=settings.modes if settings.mode_order == "descending" else 1,
+        last=settings.modes if settings.mode_order == "descending" else settings.first_modes,
     )
     return replace(state, cost=_cost(problem, state))
 
@@ -135,8 +147,10 @@ def _end_sweep(state: State) -> State:
     state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
     if not converged and state.stage_sweeps < state.settings.max_sweeps:
         return state
-    if state.automatic and state.last < state.settings.modes:
-        return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
+    descending = state.settings.mode_order == "descending"
+    if state.automatic and (state.first > 1 if descending else state.last < state.settings.modes):
+        added = {"first": state.first - 1} if descending else {"last": state.last + 1}
+        return replace(state, stage=state.stage + 1, stage_sweeps=0, **added)
     return replace(state, finished=True, converged=converged)
 
 

@@ -29,6 +29,7 @@ def opening_request() -> OpenRequest:
     The method minimises the maps of the film, in its order.
     """
     scene = load_scene(SCENE)
-    scene = replace(scene, solver=replace(scene.solver, ample_modes=1, known_weight=1.0))
+    order = {"modes": MODE, "mode_order": "descending", "ample_modes": 1, "known_weight": 1.0}
+    scene = replace(scene, solver=replace(scene.solver, **order))
     choices = {"kind": "relief", "microphone": MICROPHONE, "follow": False, "modes": (MODE,), "descending": True}
-    return OpenRequest(scene, measurement=load_measurement(MEASUREMENT), choices=choices, highest=MODE)
+    return OpenRequest(scene, measurement=load_measurement(MEASUREMENT), choices=choices)

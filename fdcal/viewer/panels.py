@@ -286,7 +286,7 @@ class SolverTab(Tab):
             return
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
         choices = {key: getattr(binding.choices, key) for key in KEPT_BY_METHOD}
-        more = {"choices": choices, "fewer_modes": True, "highest": binding.run.opening.highest}
+        more = {"choices": choices, "fewer_modes": True}
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, **more))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:

@@ -11,7 +11,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from ..model.gauge import align, rigid_motion
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
-from ..model.settings import ALL_MODES, SolverSettings, search_around
+from ..model.settings import ALL_MODES, search_around
 from ..model.validation import InputError, Reals, StorageError, frozen_array
 from ..session.calibration_run import with_estimated_domain
 from ..session.session import Session, SessionView
@@ -64,8 +64,7 @@ class PreparedRun:
     def request_of(self, view: SessionView, choices: Mapping[str, Any]) -> OpenRequest:
         """Return the request that opens the run again, with all its states and their settings and seed."""
         scene, seed = replace(self.scene, solver=view.state.settings), view.state.seed
-        highest = self.opening.highest
-        return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices, highest=highest)
+        return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices)
 
     @property
     def anchor(self) -> Reals | None:
@@ -136,28 +135,6 @@ class DisplayFrame:
             if change < NEGLIGIBLE:
                 break
         return moved[microphone]
-
-
-class FromAbove:
-    """A solver that adds modes, beginning with the mode `highest` alone, to which it adds the next lower ones."""
-
-    def __init__(self, solver: Solver, highest: int):
-        self._solver, self._highest = solver, highest
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._solver, name)
-
-    def init(self, problem: Problem, settings: SolverSettings, seed: int) -> RunState:
-        """Return the first state, with one mode."""
-        state = self._solver.init(problem, settings, seed)
-        return self._solver.use_modes(problem, state, self._highest, self._highest, True)
-
-    def step(self, problem: Problem, state: RunState) -> RunState:
-        """Return the state after one step; after the last one of a stage, with another mode."""
-        after = self._solver.step(problem, state)
-        if not (after.finished and after.automatic and after.first > 1):
-            return after
-        return replace(self._solver.use_modes(problem, after, after.first - 1, after.last, True), stage=after.stage + 1)
 
 
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
@@ -235,8 +212,6 @@ class Preparation:
             opening = replace(opening, measurement=source)
         problem = source.problem(scene.solver.weights, scene.solver.known)
         solver = solvers.load(scene.solver.name)
-        if opening.highest is not None and solver.TRAITS.adds_modes:
-            solver = cast("Solver", FromAbove(solver, opening.highest))
         if opening.fewer_modes and scene.solver.modes != ALL_MODES:
             count = solver.usable_modes(problem, scene.solver)
             if 0 < count < scene.solver.modes:

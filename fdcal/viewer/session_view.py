@@ -253,7 +253,8 @@ class Viewer:
         """Bring the screen up to date at the time `now`, s."""
         choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
         running = newest.running and self.view.running
-        if not (running and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
+        stepped = newest.lineage is self.view.lineage  # otherwise a user has changed the state, which is shown at once
+        if not (running and stepped and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
         found, assessing, sought = self._verdict.of(newest, now)

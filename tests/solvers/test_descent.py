@@ -60,6 +60,13 @@ def test_cost_never_rises_while_centre_and_modes_stay():
     assert compared > 20
 
 
+def test_in_descending_order_the_highest_mode_comes_first_and_each_stage_adds_the_next_lower_one():
+    states = all_states(settings=replace(SETTINGS, mode_order="descending"))
+    assert (states[0].first, states[0].last) == (8, 8) and (states[-1].first, states[-1].last) == (1, 8)
+    changes = {(one.first - two.first, two.last, two.stage - one.stage) for one, two in pairwise(states)}
+    assert changes == {(0, 8, 0), (1, 8, 1)}
+
+
 def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
     """Modes changed in mid-sweep: what converges has left no microphone that would still move."""
     state = all_states()[-1]

@@ -15,7 +15,7 @@ from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.session_view import Viewer
+from fdcal.viewer.session_view import RUN_INTERVAL, Viewer
 from fdcal.viewer.tabs import map as sweeping
 from fdcal.viewer.tabs.map import LABELS
 
@@ -93,6 +93,18 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     viewer.run.session.view = view_of([State(positions + 0.02)])
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of the run before the reset"
+
+
+def test_while_running_a_step_may_wait_and_what_a_user_has_changed_is_shown_at_once(viewer):
+    session, state, positions = viewer.run.session, viewer.view.state, viewer.run.measurement.positions
+    step_to(viewer, state, running=True)
+    viewer.tick(1.0)
+    step_to(viewer, state, State(positions + 0.01, 1))
+    viewer.tick(1.0 + 0.3 * RUN_INTERVAL)
+    assert viewer.view.state is state
+    session.view = view_of([state, State(positions + 0.02, 1)], running=True)
+    viewer.tick(1.0 + 0.6 * RUN_INTERVAL)
+    assert viewer.view is session.view
 
 
 def test_the_legend_names_what_is_drawn(opened):

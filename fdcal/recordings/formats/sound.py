@@ -134,6 +134,7 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
         channels, samples, hertz = file.channels, file.frames, file.samplerate
         note, note_64, seekable = LENGTH.search(file.extra_info), LENGTH_64.search(file.extra_info), file.seekable()
         whole = "FLOAT" not in file.subtype and file.subtype != "DOUBLE"
+        dtype = "float64" if file.subtype == "DOUBLE" else "float32"
     if not seekable or samples > LONGEST:
         raise InputError(f"the length of {path} is unknown", "convert it to WAV or FLAC")
     size = path.stat().st_size
@@ -144,7 +145,6 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
         log.warning("%s: %s", path, READ_ON)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-        dtype = "float32" if whole else "float64"
         values = np.empty((len(chosen), stop - start), dtype=dtype)
         try:
             with _opened(path, changes) as file:
