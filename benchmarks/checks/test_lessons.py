@@ -181,7 +181,7 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_te
     errors = 1e3 * position_errors(staged.positions, truth)
     assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
     assert mean_error(measurement, staged) == pytest.approx(17, abs=0.5) and "1.7 cm on average" in text
-    for positions, words in ((staged.positions, "a cost of -33.7 dB"), (truth, "the true positions have -59.2 dB")):
+    for positions, words in ((staged.positions, "a misfit of -33.7 dB"), (truth, "the true positions have -59.2 dB")):
         assert f"{cost(measurement, positions):.1f} dB" in words and words in text
     lattice = (truth - scene.search.origin) / scene.search.step
     np.testing.assert_allclose(lattice, np.rint(lattice), atol=1e-9)

@@ -37,7 +37,7 @@ class RowLimits:
     usual_count: int = 32
     # min_of_array, max_of_array, min_of_take: bounds of that default, for an array and for each take
     min_of_array: int = 112
-    max_of_array: int = 1600
+    max_of_array: int = 800
     min_of_take: int = 20
     unexplained: float = 1e-4  # power, relative to the response, that no model of the field explains
 
