@@ -82,12 +82,11 @@ def test_calibrate_options_end_within_two_millimetres(calibrated, made, options,
     assert result["mean_error_m"] < 2e-3
 
 
-@pytest.mark.parametrize("true", [True, False])
-def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altered, true):
-    path = altered(known=None, known_positions=None, **({} if true else {"positions": None}))
-    out, result = calibrated("--solver", "joint", path=path)
-    assert result["aligned"] is True and (result["mean_error_m"] or 0.0) < 2e-3
-    assert {result["mean_error_m"] is None, result["max_error_m"] is None, "unknown" in out} == {not true}
+def test_a_file_without_known_microphones_is_calibrated_blind_and_without_the_truth_no_error_is_said(
+    calibrated, altered
+):
+    out, result = calibrated("--solver", "joint", path=altered(known=None, known_positions=None, positions=None))
+    assert result["aligned"] is True and result["mean_error_m"] is result["max_error_m"] is None and "unknown" in out
 
 
 def test_noise_is_estimated_where_none_is_reported_and_where_the_pressures_contradict_what_is_stated(

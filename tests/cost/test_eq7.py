@@ -193,6 +193,11 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     assert np.isnan(raw(np.nan * positions)) and np.isnan(eq7.decibels(np.nan)) and eq7.decibels(0.0) == -160
     far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
     assert eq7.ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
+    n, count, search = int(problem.free[0]), eq7.ReferenceCost(problem).count, problem.search
+    positions = measurement.positions + 0.02 * rng.normal(size=measurement.positions.shape)
+    there = replace(search, origin=tuple(positions[n].tolist()), size=(search.step,) * len(search.size))
+    total = eq7_maps(problem, positions, n, range(1, count + 1), 2, there).sum(axis=0)
+    assert eq7.decibels(total[0, 0]) == pytest.approx(eq7.ReferenceCost(problem)(positions), abs=1e-6), "as of a map"
 
 
 def test_few_microphones_lower_the_order_and_too_few_have_none():

@@ -19,6 +19,7 @@ from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.assessment.words import cost_words
 from fdcal.graphics.lesson_panels import channel_table, lesson_panel
 from fdcal.model.settings import SolverSettings
+from fdcal.session import calibration_run
 from fdcal.session.calibration_run import assess_state, solve
 from fdcal.session.process import one_blas_thread
 from fdcal.session.scene_edits import edited
@@ -105,16 +106,16 @@ INVERTED = 9
 
 
 @pytest.fixture(scope="module")
-def shown():
+def shown(remembered_runs):
     """Measurement of `tiny` with an inverted channel, its calibration, and what the page computes of its last state."""
     measurement = fdcal.load("tiny")
     p = np.array(measurement.pressures)
     p[:, INVERTED] *= -1
     measurement = replace(measurement, pressures=p)
     result = fdcal.calibrate(measurement, solver="robust", modes=12)
-    problem = measurement.problem("unit", "all")
-    *_, state = solvers.run(problem, SolverSettings(name="robust", modes=12), 0)
-    inputs = CalibrationInput("tiny", fdcal.load_scene("tiny"), measurement, state.settings, state.seed)
+    problem, settings = measurement.problem("unit", "all"), SolverSettings(name="robust", modes=12)
+    inputs = CalibrationInput("tiny", fdcal.load_scene("tiny"), measurement, settings, 0)
+    state, _ = calibration_run.last_state(inputs, None, problem, time.process_time)
     with one_blas_thread():
         return measurement, result, assess_state(inputs, problem, state, CONTROLS)
 

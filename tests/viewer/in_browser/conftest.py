@@ -4,7 +4,7 @@ import contextlib
 from types import SimpleNamespace
 
 import pytest
-from browsing import COARSE, begin_anew, opened_page, serving_here, tab, until
+from browsing import begin_anew, opened_page, serving_here, tab, until
 
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
@@ -30,9 +30,9 @@ def served(kernels):
 @pytest.fixture(scope="package")
 def shared(served, browser):
     """The page of all tests, on a desktop."""
-    page = opened_page(browser, served.url, COARSE)
-    yield page
-    page.close()
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    yield opened_page(context, served.url)
+    context.close()
 
 
 @pytest.fixture

@@ -10,6 +10,7 @@ from doubles import assessment
 from fdcal.assessment.calibration import Evidence
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
+from fdcal.viewer import panels
 from fdcal.viewer.explore import LECTURE
 from fdcal.viewer.html import verdict_html
 from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
@@ -229,7 +230,8 @@ def answers_in_sight(page, step):
     until(page, all_of_them)
 
 
-def test_everything_in_explore_works(page):
+def test_everything_in_explore_works(page, monkeypatch):
+    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.2)  # s, so that a slow browser sees that it runs
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
     fills_the_window(page)
     page.locator("[data-do=modes]").press("Home")

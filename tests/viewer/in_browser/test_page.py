@@ -39,8 +39,8 @@ def map_again(page):
     page.wait_for_function("/modes=solver.*map=flat/.test(location.hash)")
 
 
-def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, served, browser):
-    other = opened_page(browser, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
+def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, served):
+    other = opened_page(page.context, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
     for one in (page, other):
         one.wait_for_function("/scene=tiny&.*microphone=5&modes=2-4&map=none/.test(location.hash)")
     other.get_by_text("step 0, sweep 0").wait_for()
