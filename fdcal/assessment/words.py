@@ -38,28 +38,49 @@ def state_word(state: RunState, running: bool, error: str = "", verdict: str = T
     return end_word(state.converged, verdict == TRUSTED) if state.finished else waiting
 
 
-def modes_words(measurement: Measurement, first: int, last: int) -> str:
-    """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz".
+def row_word(measurement: Measurement) -> str:
+    """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
+    return "row" if measurement.take_count > 1 else "mode"
 
-    With several takes the text names rows and takes, and is shortened to fit into one line of the status.
-    """
-    f = measurement.frequencies
+
+def row_label(measurement: Measurement, mode: int) -> str:
+    """Return the name of a row: "mode 38, 211.5 Hz", or with several takes "row 38, take 1, 211.5 Hz"."""
+    take = f", take {measurement.takes[mode - 1]}" if measurement.take_count > 1 else ""
+    return f"{row_word(measurement)} {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
+
+
+def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
+    """Return how many rows are summed: "20 modes", or with several takes "20 rows of take 1", "40 rows of 2 takes"."""
+    count, takes = len(modes), np.unique(measurement.takes[np.asarray(modes) - 1])
+    text = f"{count} {row_word(measurement)}{'s' if count > 1 else ''}"
+    if measurement.take_count == 1:
+        return text
+    return f"{text} of {f'take {takes[0]}' if len(takes) == 1 else f'{len(takes)} takes'}"
+
+
+def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
+    """Return the names of the modes of a map, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
+    first, last, count = modes[0], modes[-1], len(modes)
     if measurement.take_count > 1:
-        numbers = f"row {first}" if first == last else f"rows {first}–{last}"
-        band = f"{f[first - 1]:.1f}" if first == last else f"{f[first - 1]:.0f}–{f[last - 1]:.0f}"
-        return f"{numbers} of {measurement.take_count} takes, {band} Hz"
-    if first == last:
-        return f"mode {first}, {f[last - 1]:.1f} Hz"
-    return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
+        return count_label(measurement, modes) if count > 1 else f"row {first}, take {measurement.takes[first - 1]}"
+    if count == 1:
+        return f"mode {first}"
+    return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
 
 
-def cost_words(cost: float, corrected: bool = False, row: str = "mode") -> str:
+def band_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
+    """Return the frequencies of the modes of a map: "211.5 Hz", "34 to 392 Hz"."""
+    f = measurement.frequencies[np.asarray(modes) - 1]
+    return f"{f[0]:.1f} Hz" if f.min() == f.max() else f"{f.min():.0f} to {f.max():.0f} Hz"
+
+
+def cost_words(cost: float, measurement: Measurement, corrected: bool = False) -> str:
     """Return the reference cost, dB, and its meaning; "unknown" for NaN.
 
-    corrected : whether the gains of the channels are corrected; row : "mode", or "row" if there are several takes
+    corrected : whether the gains of the channels are corrected
     """
     number = "unknown" if np.isnan(cost) else f"{cost:.1f} dB"
-    return f"{number} ({'Eq. 7, gains corrected' if corrected else f'Eq. 7, all {row}s'})"
+    return f"{number} ({'Eq. 7, gains corrected' if corrected else f'Eq. 7, all {row_word(measurement)}s'})"
 
 
 def result_title(result: Calibration) -> str:

@@ -329,11 +329,6 @@ def with_estimate(
 ERROR_PIECES = 40  # of an error line on a relief; a straight line would go through hills
 
 
-def row_word(measurement: Measurement) -> str:
-    """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
-    return "row" if measurement.take_count > 1 else "mode"
-
-
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn

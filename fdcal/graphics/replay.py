@@ -27,6 +27,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from ..assessment.words import row_word
 from ..cost.eq7 import ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
 from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
@@ -39,7 +40,7 @@ from ..model.settings import SolverSettings, search_around
 from ..model.validation import evenly_spaced
 from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import EDGE, MARKS, marks_json, symbol_svg
-from .picture import focus_of, row_word, wall_height, z_range_of
+from .picture import focus_of, wall_height, z_range_of
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:

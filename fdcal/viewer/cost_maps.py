@@ -15,15 +15,15 @@ from typing import get_args
 
 import numpy as np
 
+from ..assessment.words import band_label, modes_label, row_label
 from ..cost import maps
 from ..cost.eq7 import ORDER_OFFSET, decibels, expansion_of
 from ..cost.scale import Minima
 from ..graphics.heatmap import MAX_WAVES, cost_floor, wave_floor
-from ..graphics.picture import row_word, z_range_of
+from ..graphics.picture import z_range_of
 from ..graphics.primitives import Floor
 from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, layer_floor, sampled_volume, volume_of
 from ..model.address import Map
-from ..model.measurement import Measurement
 from ..model.settings import Search
 from ..model.validation import InputError, Reals
 from ..solvers.interface import RunState
@@ -105,37 +105,6 @@ def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest:
     if request.order_offset is not None or not run.solver.TRAITS.uses_likelihood:
         return cost
     return np.maximum(cost - (cost.min() if lowest is None else lowest), NAT)
-
-
-def row_label(measurement: Measurement, mode: int) -> str:
-    """Return the name of a row: "mode 38, 211.5 Hz", or with several takes "row 38, take 1, 211.5 Hz"."""
-    take = f", take {measurement.takes[mode - 1]}" if measurement.take_count > 1 else ""
-    return f"{row_word(measurement)} {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
-
-
-def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return how many rows are summed: "20 modes", or with several takes "20 rows of take 1", "40 rows of 2 takes"."""
-    count, takes = len(modes), np.unique(measurement.takes[np.asarray(modes) - 1])
-    text = f"{count} {row_word(measurement)}{'s' if count > 1 else ''}"
-    if measurement.take_count == 1:
-        return text
-    return f"{text} of {f'take {takes[0]}' if len(takes) == 1 else f'{len(takes)} takes'}"
-
-
-def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return the names of the modes of a map, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
-    first, last, count = modes[0], modes[-1], len(modes)
-    if measurement.take_count > 1:
-        return count_label(measurement, modes) if count > 1 else f"row {first}, take {measurement.takes[first - 1]}"
-    if count == 1:
-        return f"mode {first}"
-    return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
-
-
-def band_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return the frequencies of the modes of a map: "211.5 Hz", "34 to 392 Hz"."""
-    f = measurement.frequencies[np.asarray(modes) - 1]
-    return f"{f[0]:.1f} Hz" if f.min() == f.max() else f"{f.min():.0f} to {f.max():.0f} Hz"
 
 
 def map_modes(

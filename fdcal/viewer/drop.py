@@ -18,6 +18,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -214,6 +215,7 @@ class Drop:
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
         overlay.on(CONTINUE, lambda client, value: self.tabs.run_bar.toggle())
+        overlay.on("dismiss", lambda client, value: overlay.show("words", ""))
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a position, (2,) or (3,), metres, or release it there; on viser's event loop."""
@@ -292,7 +294,7 @@ class Drop:
         if self._rest(view, drag, end, now):
             if descent.home is not None:
                 self.tries, self.home = self.tries + 1, self.home + descent.home
-            self._say(descent.text, CONTINUE)
+            self._say(descent.text, ended=True)
         return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
     def _rest(self, view: SessionView, drag: Drag, end: np.ndarray, now: float) -> bool:
@@ -309,9 +311,14 @@ class Drop:
             self._drag = None
         return False
 
-    def _say(self, words: str, command: str = "") -> None:
-        counts = f"{self.home} of {counted(self.tries, 'drop')} reached the true position" if self.tries else ""
-        self._overlay.say(words, counts, command, "Continue from here")
+    def _say(self, words: str, ended: bool = False) -> None:
+        """Show words on the canvas, with the number of tries below, and a button to continue if the drag has ended."""
+        text, kind = f"<div>{escape(words)}</div>" if words else "", ""
+        if self.tries:
+            kind = 'class="first"'
+            text += f"<p>{self.home} of {counted(self.tries, 'drop')} reached the true position</p>"
+        text += f'<button {kind} data-do="{CONTINUE}">Continue from here</button>' if ended else ""
+        self._overlay.show("words", text)
 
     def close(self) -> None:
         """Remove the words."""

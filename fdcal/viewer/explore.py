@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from .. import solvers
-from ..assessment.words import state_error_words, state_word
+from ..assessment.words import band_label, state_error_words, state_word
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, load_scene, scene_names
@@ -21,7 +21,6 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
 from ..session.session import SessionView
 from ..session.sources import OpenRequest, scene_request
-from .cost_maps import band_label
 from .html import error_message
 from .own_files import OwnFiles
 from .session_view import Viewer

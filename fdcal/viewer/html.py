@@ -16,10 +16,9 @@ from html import escape
 import numpy as np
 import viser
 
-from ..assessment.words import STEP_LEFT, cost_words, error_parts, modes_words, prediction_words, state_word
+from ..assessment import words
 from ..graphics.heatmap import to_rgb
 from ..graphics.marks import EDGE, Mark, css, symbol_svg
-from ..graphics.picture import row_word
 from ..graphics.primitives import ColourBar
 from ..model.measurement import Measurement
 from ..model.validation import InputError, StorageError
@@ -93,20 +92,21 @@ def status(
     """
     state, errors = view.state, measurement.errors(view.state.best_positions, sought)
     found_errors = None if errors is None else errors[sought]
-    error, figures, compared = error_parts(found_errors, measurement.blind, measurement.nominal)
+    error, figures, compared = words.error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
     if left_out:  # this word replaces the other one, since another line would move the buttons
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     kept = state.best_positions is not state.positions  # while the run tries another start
+    used, verdict = tuple(range(state.first, state.last + 1)), [] if found is None else [found.verdict]
+    cost = words.cost_words(view.cost, measurement, state.channels is not None)
     rows = {
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
-        "In use": escape(modes_words(measurement, state.first, state.last)),
+        "In use": f"{words.modes_label(measurement, used)}, {words.band_label(measurement, used)}",
         error: f"<b>{mean}</b>"
         + f"{comma}<span style='white-space: nowrap'>{largest}</span>" * bool(largest)
         + f"<br>{DIM}{compared}</span>" * bool(compared),
-        "Cost": cost_words(view.cost, state.channels is not None, row_word(measurement)).replace(" (", f" {DIM}(")
-        + "</span>",
+        "Cost": cost.replace(" (", f" {DIM}(") + "</span>",
     }
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
@@ -118,9 +118,9 @@ def status(
         f"<div style='color: {RED}; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
         for text in faults
     )
-    word = state_word(state, view.running, view.error, *([] if found is None else [found.verdict])).partition(";")[0]
+    word = words.state_word(state, view.running, view.error, *verdict).partition(";")[0]
     if word == "Ended" and found is not None:
-        lines += f"<div style='opacity: 0.65'>{STEP_LEFT.capitalize()}.</div>"
+        lines += f"<div style='opacity: 0.65'>{words.STEP_LEFT.capitalize()}.</div>"
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
     return (
         f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
@@ -147,7 +147,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
         faults = found.channels is not None and found.channels.faults
         colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
         text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
-        figures = prediction_words(found.evidence.leave_one_out_db)
+        figures = words.prediction_words(found.evidence.leave_one_out_db)
         text = f"<div style='color: {colour}'>{text}</div><div style='opacity: 0.85'>{figures}</div>"
     box = f"border-left: 4px solid {colour}; padding-left: 0.6em; overflow-y: auto"
     return (
@@ -181,13 +181,13 @@ EXPLORE = {
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
     """Return the legend on the canvas: how to read the map, its colour bar, if it has one, and the marks drawn."""
-    words = re.compile("|".join(map(re.escape, EXPLORE)))
+    explore = re.compile("|".join(map(re.escape, EXPLORE)))
 
     def of_both_faces(text: str) -> str:
         """Return a text in the words of Expert and, if they differ, in those of Explore."""
         kept, plain = (
             re.sub("z = .* m|[0-9.]+( to [0-9]+)? Hz", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
-            for one in (text, words.sub(lambda found: EXPLORE[found[0]], text))
+            for one in (text, explore.sub(lambda found: EXPLORE[found[0]], text))
         )
         return kept if kept == plain else f"<span class='expert'>{kept}</span><span class='explore'>{plain}</span>"
 
@@ -229,7 +229,6 @@ class Overlay:
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self._acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
-        self.on("dismiss", lambda client, value: self.say(""))
         self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
 
@@ -242,14 +241,6 @@ class Overlay:
         """Fill a region; any thread. All texts in `html` are escaped already."""
         if self._regions[region].content != (wanted := content(region, html)):
             self._regions[region].content = wanted
-
-    def say(self, words: str, detail: str = "", command: str = "", label: str = "") -> None:
-        """Show words, a smaller line below them and a button for a command; the words "" remove all of it."""
-        text = f"<div>{escape(words)}</div>" if words else ""
-        text += f"<p>{escape(detail)}</p>" if detail else ""
-        kind = 'class="first"' if detail else ""
-        text += f'<button {kind} data-do="{command}">{label}</button>' if command else ""
-        self.show("words", text)
 
     def on(self, name: str, act: Act) -> None:
         """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""

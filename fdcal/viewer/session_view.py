@@ -15,6 +15,7 @@ import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
+from ..assessment.words import count_label
 from ..graphics import picture as overlays
 from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_estimate, with_floor
@@ -27,7 +28,7 @@ from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
 from ..solvers.interface import RunState
-from .cost_maps import CostMap, CostMapRequest, CostMapWorker, count_label
+from .cost_maps import CostMap, CostMapRequest, CostMapWorker
 from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
 from .panels import Panels, Tabs

@@ -19,8 +19,9 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import viser
 
+from ..assessment.words import row_word
 from ..cost.eq7 import ORDER_OFFSET
-from ..graphics.picture import row_word, z_range_of
+from ..graphics.picture import z_range_of
 from ..model.address import Map
 from ..model.measurement import Measurement
 from ..model.validation import InputError, Reals, convert, require_choice, within

@@ -9,7 +9,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.assessment.result_file import position_table
-from fdcal.assessment.words import modes_words
+from fdcal.assessment.words import count_label, modes_label, row_label
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
@@ -18,7 +18,7 @@ from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.calibration_run import with_estimated_domain
 from fdcal.viewer import html
-from fdcal.viewer.cost_maps import count_label, map_modes, modes_label, row_label
+from fdcal.viewer.cost_maps import map_modes
 from fdcal.viewer.prepare import DisplayFrame, Preparation
 from fdcal.viewer.state import Binding
 from fdcal.viewer.tabs import map as map_tab
@@ -62,7 +62,7 @@ def test_what_is_nominal_is_not_called_true_nor_its_distance_an_error(array):
     view, measurement = array.session.view, array.measurement
     text = html.status(view, measurement)
     assert "Deviation" in text and "from nominal, after alignment" in text and "Error" not in text
-    assert "rows 1–1143 of 4 takes, 82–1224 Hz" in text and "all modes" not in text
+    assert "1143 rows of 4 takes, 82 to 1224 Hz" in text and "all modes" not in text
     picture = with_estimate(static_picture(None, measurement), measurement, view.state.positions)
     assert {"nominal", "deviation"} <= {entry.text for entry in legend_of(picture)}
     assert "nominal_x_m" in position_table(measurement, view.state.positions).splitlines()[0]
@@ -128,7 +128,6 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
     assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
     assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
-    assert modes_words(takes, 1, 12) == "rows 1–12 of 2 takes, 100–300 Hz"
 
 
 def test_every_place_of_the_source_is_drawn_with_its_take(takes):

@@ -18,7 +18,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.picture import row_word
+from ...assessment.words import row_word
 from ...model.validation import evenly_spaced
 from ..state import Binding, PageState, Tab
 

@@ -13,8 +13,8 @@ import viser
 from viser import uplot
 
 from ...acoustics.dictionary import array_f_max, max_order
+from ...assessment.words import count_label, modes_label, row_label, row_word
 from ...cost.maps import partial_sums, refined
-from ...graphics.picture import row_word
 from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
@@ -35,8 +35,8 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
         return f"<div style='{html.CARD}'>{text}</div>"
     modes, marked = request.modes, request.style.minima
     several, single = (
-        f"sum of {cost_maps.count_label(measurement, modes)}",
-        f"{cost_maps.modes_label(measurement, modes)} alone",
+        f"sum of {count_label(measurement, modes)}",
+        f"{modes_label(measurement, modes)} alone",
     )
     what = f"microphone {request.microphone}, {several if len(modes) > 1 else single}"
     if marked:
@@ -496,7 +496,7 @@ class SpectrumTab(Tab):
         measurement, problem = self._binding.measurement, self._binding.run.problem
         used, limit = self.inputs(state)
         self.plot.show(self.columns(used, limit), self._range)
-        name, _, hertz = cost_maps.row_label(measurement, used[-1]).rpartition(", ")
+        name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
         what = "highest" if measurement.take_count > 1 else "highest in the map"
         highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
         lines = [f"{what}: {name}, <b>{hertz}</b>", f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]

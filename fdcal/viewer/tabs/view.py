@@ -15,7 +15,7 @@ import numpy as np
 import viser
 
 from ...assessment.result_file import position_table
-from ...assessment.words import error_line, modes_words
+from ...assessment.words import band_label, error_line, modes_label
 from ...cost.maps import panels_of
 from ...graphics.figures import landscape_bytes
 from ...graphics.replay import replay_html
@@ -61,8 +61,10 @@ class ViewTab(Tab):
 
 def caption(state: PageState) -> str:
     """Return scene, step and modes in words."""
-    shown = state.view.state
-    return f"{state.run.scene.title}: step {shown.step}, {modes_words(state.run.measurement, shown.first, shown.last)}"
+    shown, measurement = state.view.state, state.run.measurement
+    used = tuple(range(shown.first, shown.last + 1))
+    modes = f"{modes_label(measurement, used)}, {band_label(measurement, used)}"
+    return f"{state.run.scene.title}: step {shown.step}, {modes}"
 
 
 MAX_WAITING = 8  # files that may wait to be made
