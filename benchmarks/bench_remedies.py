@@ -22,7 +22,7 @@ from fdcal.model.measurement import load_measurement, with_known
 from fdcal.model.storage import cache_folder
 from fdcal.model.validation import InputError
 from fdcal.session.calibration_run import solve
-from fdcal.session.sources import CalibrationInput, measurement_input, with_mode_number, with_settings
+from fdcal.session.sources import CalibrationInput, measurement_input, with_settings
 
 from .field.cases import Case, NoCaseError, build
 from .field.families import FAMILIES
@@ -80,7 +80,7 @@ def more_known(job: Job) -> CalibrationInput:
     places = {str(n): job.case.positions[n] for n in sorted(known | {int(n) for n in re.findall(r"\d+", asked)})}
     measurement = with_known(job.inputs.measurement, places)
     settings = replace(job.inputs.settings, known="all")
-    return with_mode_number(replace(job.inputs, measurement=measurement, settings=settings))
+    return replace(job.inputs, measurement=measurement, settings=settings)
 
 
 def measured_again(job: Job) -> CalibrationInput:

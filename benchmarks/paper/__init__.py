@@ -91,7 +91,7 @@ def landscapes(inputs: CalibrationInput):
     name, microphone, modes = LANDSCAPE
     problem = inputs.measurement.problem(inputs.settings.weights)
     if inputs.name != name:
-        microphone, last = int(problem.free[0]), inputs.settings.modes
+        microphone, last = int(problem.free[0]), min(inputs.settings.modes, len(problem.frequencies))
         modes = sorted({max(1, last // 3), max(1, 2 * last // 3), last})
     truth = inputs.measurement.positions
     if truth is None:

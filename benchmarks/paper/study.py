@@ -180,7 +180,7 @@ def array_of(inputs: CalibrationInput, seeds: int, quick: bool) -> Array:
     measurement = inputs.measurement
     if measurement.search is None or measurement.dimension != 2:
         raise InputError(f"{inputs.name} has no search domain in a field of two dimensions, which descent needs")
-    modes = min(inputs.settings.modes, QUICK_MODES) if quick else inputs.settings.modes
+    modes = min(inputs.settings.modes, len(measurement.frequencies), *([QUICK_MODES] if quick else []))
     problem = measurement.problem(inputs.settings.weights)
     return Array(inputs.name, measurement, problem, inputs, modes, min(seeds, QUICK_SEEDS) if quick else seeds)
 

@@ -10,6 +10,7 @@ imported by the command that needs them.
 
 import contextlib
 import os
+import signal
 import sys
 import time
 import traceback
@@ -29,7 +30,7 @@ from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
-from ..session.process import ended_as_interrupted, one_blas_thread
+from ..session.process import handled_by, one_blas_thread
 from ..session.sources import with_settings
 from . import file_commands, plot_commands, report
 from . import options as opt
@@ -86,7 +87,8 @@ def main(args: list[str] | None = None) -> None:
     given = [argument for argument in given[:stop] if argument != "--debug"] + given[stop:]
     output: Any = PrintableOutput(sys.stdout)
     try:
-        with contextlib.redirect_stdout(output), ended_as_interrupted(), one_blas_thread():
+        ended = handled_by(signal.default_int_handler, every=False)  # SIGTERM and SIGHUP end a command as Ctrl-C does
+        with contextlib.redirect_stdout(output), ended, one_blas_thread():
             code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
             try:
                 sys.stdout.flush()
@@ -203,7 +205,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known: sets size and sound speed.",
             type=opt.distance)  # fmt: skip
 @opt.option("--room LxW[xH]", "Size of a rectangular room, metres; implies solver room.", type=opt.room_size)
-@opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=opt.Number())
+@opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)
@@ -237,8 +239,7 @@ def calibrate(
     inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
     inputs = replace(inputs, distance=distance, time_limit=time_limit)
     if check and inputs.measurement.positions is None:
-        remedy = "name a file that has them with <positions>, or leave out <check>"
-        raise InputError("the file has no positions to compare with those found", remedy, key="check")
+        raise InputError("the file has no positions to compare with", "name a list: <positions>", key="check")
     with opt.progress_bar("calibrating") as progress:
         result = solve(inputs, progress, opt.OPTIONS)
     compared = report.comparison(inputs, result) if check else None
@@ -262,8 +263,8 @@ def calibrate(
 @commands.command()
 @click.argument("layout", metavar="LAYOUT")
 @opt.option("--room LxWxH", "Rectangular room.  [default: that of the scene, else a diffuse field]", type=opt.room_size)
-@opt.option("--rt60 S", "Reverberation time, s.", type=opt.Number(), default=0.5)
-@opt.option("--snr DB", "Signal-to-noise ratio of each frequency.", type=opt.Number(), default=30.0)
+@opt.option("--rt60 S", "Reverberation time, s.", type=float, default=0.5)
+@opt.option("--snr DB", "Signal-to-noise ratio of each frequency.", type=float, default=30.0)
 @opt.option("--frequencies LO:HI", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]", type=opt.band)
 @opt.option("--known NAME,...", "Microphones whose positions are given.", type=opt.microphone_names, default=())
 @opt.option("--known-sigma LENGTH", "One sigma of each given coordinate, as 5mm.", type=opt.length)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Annotated
 
 import click
 
@@ -11,12 +12,14 @@ from ..assessment.calibration import placed_in_frame
 from ..assessment.result_file import load_result, save_result
 from ..model.measurement import save_measurement
 from ..model.storage import TEMPORARY, write_atomically
-from ..model.validation import InputError, StorageError
+from ..model.validation import InputError, StorageError, convert, within
 from ..recordings import export as exports
 from ..recordings import formats
 from ..recordings.formats.positions import read_positions
+from ..recordings.formats.sound import SUFFIXES as FLOAT_SUFFIXES
 from ..recordings.recording import ImportOptions
 from ..session.process import interrupts
+from ..session.sources import compared_with_file, measurement_input
 from . import options as opt
 from . import report
 
@@ -76,7 +79,7 @@ def correct(recording, result, output, force):
     Gains, phases, polarity, delays and the order of the channels are corrected as RESULT found them with solver robust;
     the file has 32-bit floats.
     """
-    path = opt.output_path(output, exports.SUFFIXES, force, recording, result)
+    path = opt.output_path(output, FLOAT_SUFFIXES, force, recording, result)
     recorded = formats.read(recording)
     correction = exports.correction_of(load_result(result), recorded)
     exports.write_corrected(path, recorded, correction, force)
@@ -115,13 +118,13 @@ INTERRUPTED = 130  # exit code
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @opt.output_option("TAKE.wav|w64")
 @opt.option("--channels N", "inputs", "The first N inputs.  [default: all]", type=click.IntRange(1))
-@opt.option("--seconds", "Length of each take.", type=opt.Number(1, 86400), default=30.0)
-@opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=opt.Number(min=1000))
+@opt.option("--seconds", "Length of each take.", type=float, default=30.0)
+@opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=float)
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
 @opt.option("--replay FILE", "Replay a recording in place of a sound card: a take each.", multiple=True)
 @opt.option("--positions FILE", "List of the positions: names swapped channels.")
 @opt.option("--known NAMES|FILE", "Known microphones, as of import.")
-@opt.option("--temperature C", "Of the air, degrees Celsius.", type=opt.Number())
+@opt.option("--temperature C", "Of the air, degrees Celsius.", type=float)
 @opt.option("--array-dimension", "2: the microphones lie in a plane.", type=click.IntRange(2, 3))
 @opt.option("--result RESULT.json", "File that the result is written to after each take.")
 @opt.force_option
@@ -139,6 +142,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
     from ..recordings.take import SUFFIXES, check_take, next_take, record_take, replayed, sound_card
 
+    seconds = convert(seconds, Annotated[float, within(1, 86400, "s")], "seconds")
+    rate = None if rate is None else convert(rate, Annotated[float, within(1000, 1e7, "Hz")], "rate")
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
         raise InputError("a file is replayed, not a sound card", f"leave out <{key}>", key=key)
@@ -188,8 +193,16 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
 
 def _result(paths: list[str], positions: str | None, options: ImportOptions, path: Path | None) -> int:
     """Calibrate all takes together, print the result and write it to a file; return the exit code of `calibrate`."""
+    from ..recordings.importer import measurement_of_takes, read_takes
+    from ..session.calibration_run import solve
+
     try:
-        inputs, result, check = report.calibrate_takes(paths, positions, options)
+        measurement, imported = measurement_of_takes(read_takes(paths, options), options)
+        inputs = measurement_input(measurement, "takes" if len(paths) > 1 else "take")
+        if positions is not None:
+            inputs = compared_with_file(inputs, positions, tuple(imported.left_out))
+        result = solve(inputs, wording=opt.OPTIONS)
+        check = None if inputs.measurement.positions is None else report.comparison(inputs, result)
     except (InputError, StorageError) as error:
         words = error.worded(opt.OPTIONS) if isinstance(error, InputError) else error
         print(f"result  none: {words}", flush=True)

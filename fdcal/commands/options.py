@@ -18,8 +18,6 @@ from typing import Any, Literal, get_args, get_origin
 
 import click
 
-from ..assessment.calibration import Calibration
-from ..assessment.result_file import load_result
 from ..model.scene import load_scene, scene_names
 from ..model.settings import SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
@@ -55,16 +53,12 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
     return match.groups()
 
 
-def _with_unit(units: str, low: float = 0.0) -> Callable[[str], float]:
-    """Return a function that reads a number with its unit, in metres or seconds, and refuses one below `low`."""
-
-    def read(value: str) -> float:
-        number, unit = _matched(rf"{NUMBER}\s*({units})", value)
-        if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
-            raise ValueError
-        return found
-
-    return read
+def _quantity(value: str, units: str, low: float = 0.0) -> float:
+    """Return a number with one of some units, in metres, seconds or the unit itself; ValueError below `low`."""
+    number, unit = _matched(rf"{NUMBER}\s*({units})", value)
+    if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
+        raise ValueError
+    return found
 
 
 def _names(value: str) -> tuple[str, ...]:
@@ -80,55 +74,42 @@ def _distance(value: str) -> tuple[str, str, float]:
 
 
 def _separated(
-    separator: str, kind: type = float, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
-) -> Callable[[str], Any]:
-    """Return a function that reads numbers from `low` to `high`, as many as one of `counts` says, if it is given."""
-
-    def read(value: str) -> tuple[Any, ...]:
-        found = tuple(kind(part) for part in value.lower().split(separator))
-        if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
-            raise ValueError
-        return found
-
-    return read
+    value: str, separator: str, kind: type, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
+) -> tuple[Any, ...]:
+    """Return numbers from `low` to `high`, as many as one of `counts` says, if it is given; otherwise ValueError."""
+    found = tuple(kind(part) for part in value.lower().split(separator))
+    if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
+        raise ValueError
+    return found
 
 
-numbers = ValueOf(_separated(","), "is not a list of numbers; write them as 1,5,9")
+numbers = ValueOf(lambda value: _separated(value, ",", float), "is not a list of numbers; write them as 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
 distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
 room_size = ValueOf(
-    _separated("x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
+    lambda value: _separated(value, "x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
     "is not the size of a room; write lengths above zero, in metres, as 6x5 or 6x5x2.7",
 )
 picture_size = ValueOf(
-    _separated("x", int, MIN_PIXELS, MAX_PIXELS, (2,)),
+    lambda value: _separated(value, "x", int, MIN_PIXELS, MAX_PIXELS, (2,)),
     f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
 )
 gain_sigma = ValueOf(  # dB and degrees
     lambda value: tuple(map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value, re.IGNORECASE))),
     "must be decibels and degrees with their units, as 1dB,5deg",
 )
-length = ValueOf(_with_unit("mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
-band = ValueOf(_separated(":", counts=(2,)), "is not a band; write LO:HI in hertz, as 20:300")
-duration = ValueOf(_with_unit("ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s")
+length = ValueOf(lambda text: _quantity(text, "mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
+band = ValueOf(
+    lambda value: _separated(value, ":", float, counts=(2,)), "is not a band; write LO:HI in hertz, as 20:300"
+)
+duration = ValueOf(
+    lambda value: _quantity(value, "ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s"
+)
 source_number = ValueOf(
     lambda value: value if value == "all" else int(value), "is not the number of a source; write one from 0, or all"
 )
-decibels = ValueOf(_with_unit("(?i:dB)"), "must be decibels with their unit, as 1dB")
-percentage = ValueOf(lambda value: _with_unit("%")(value) / 100, "must be a number of percent with its sign, as 0.3%")
-
-
-class Number(click.FloatRange):
-    """A finite number, perhaps within bounds: the type of every option of one number."""
-
-    def convert(self, value, param, ctx) -> float:
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f'"{value}" is not a finite number', param, ctx)
-        return number
-
-    def _describe_range(self) -> str:
-        return "" if self.min is None and self.max is None else super()._describe_range()
+decibels = ValueOf(lambda value: _quantity(value, "(?i:dB)"), "must be decibels with their unit, as 1dB")
+percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a number of percent with its sign, as 0.3%")
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
@@ -139,8 +120,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
-        problem = f'-o "{text}" must end in {" or ".join(allowed)}'
-        raise InputError(problem, f"write {path.stem or 'result'}{allowed[0]}", key="output")
+        raise InputError(f'-o "{text}" does not end in {" or ".join(allowed)}', f"write NAME{allowed[0]}", key="output")
     if path.is_dir():
         raise InputError(f"-o {text} is a folder", "name a file", key="output")
     if not path.parent.is_dir():
@@ -253,7 +233,7 @@ def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> C
             default = f"  [default: {field.default}]" if fixed else ""
             command = click.option(
                 f"--{field.name.replace('_', '-')}",
-                type=types.get(field.name, Number() if kind is float else kind),
+                type=types.get(field.name, kind),
                 metavar=field.metadata["metavar"],
                 callback=lambda _, __, value, number=number: number(value) if number and value else value,
                 help=field.metadata["help"] + default,
@@ -306,17 +286,12 @@ def scene_of(text: str) -> sources.CalibrationInput:
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
         names = ", ".join(name for name in scene_names() if name != text)
-        remedy = f"give a scene that is simulated: a .toml file or one of {names}"
-        raise InputError(f"{text} is a measurement", remedy, key="scene")
+        raise InputError(f"{text} is a measurement", f"give a scene: a .toml file or one of {names}", key="scene")
     return inputs
 
 
 def input_of(
-    source: str | Sequence[str],
-    /,
-    excluded: tuple[str, ...] = (),
-    positions: str | None = None,
-    **recorded: Any,
+    source: str | Sequence[str], /, excluded: tuple[str, ...] = (), positions: str | None = None, **recorded: Any
 ) -> sources.CalibrationInput:
     """Return the measurement of a scene or of files, with the values of the options.
 
@@ -327,11 +302,6 @@ def input_of(
     with progress_bar("simulating" if options is None and not sources.is_recording(first) else "importing") as progress:
         inputs = sources.load_input(source, progress, excluded, options)
     return inputs if positions is None else sources.compared_with_file(inputs, positions)
-
-
-def result_of(path: str | None) -> Calibration | None:
-    """Return the calibration in the file given with --result; None without that option."""
-    return None if path is None else load_result(path)
 
 
 def open_request_of(text: str) -> sources.OpenRequest:

@@ -9,12 +9,14 @@ import click
 import numpy as np
 
 from ..assessment.calibration import Calibration
+from ..assessment.result_file import load_result
 from ..model.measurement import Measurement, microphone_index
 from ..model.settings import search_around
 from ..model.storage import folder_in_progress, write_atomically
 from ..model.validation import InputError, parse_modes
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, as_given, with_settings
+from ..solvers import with_mode_count
 from . import options as opt
 from .report import error_title
 
@@ -47,7 +49,7 @@ def landscape(source, microphone, mode_numbers, result, output, force):
     n = microphone_index(microphone, measurement.names, "microphone")
     measured = len(measurement.frequencies)
     modes = parse_modes(mode_numbers, measured) if mode_numbers else [one for one in (1, 5, 9) if one <= measured]
-    positions = shown_positions(measurement, opt.result_of(result))
+    positions = shown_positions(measurement, result and load_result(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         from ..graphics.exports import volume_vti
 
@@ -87,7 +89,7 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
 @click.argument("source", metavar="SCENE|FILE")
 @opt.result_option
 @opt.option("--frequencies HZ,HZ,...", "Measured frequencies.  [default: lowest, middle and highest]", type=opt.numbers)
-@opt.option("--step METRES", "Lattice step.  [default: a 60th of the longest side]", type=opt.Number())
+@opt.option("--step METRES", "Lattice step.  [default: a 60th of the longest side]", type=float)
 @opt.output_option("FILE.npz|csv|png")
 @opt.force_option
 def field(source, result, frequencies, step, output, force):
@@ -99,7 +101,7 @@ def field(source, result, frequencies, step, output, force):
     from ..graphics.exports import FIELD_WRITERS
 
     path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
-    found = opt.result_of(result)
+    found = result and load_result(result)
     inputs = opt.input_of(source, excluded=found.excluded if found else ())
     if frequencies is None and found is not None:
         frequencies = [found.frequencies[i] for i in (0, len(found.frequencies) // 2, -1)]
@@ -121,20 +123,20 @@ def field(source, result, frequencies, step, output, force):
 def snapshot(scene, result, microphone, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
-    inputs, found = opt.scene_of(scene), opt.result_of(result)
+    inputs, found = opt.scene_of(scene), result and load_result(result)
     from ..graphics.picture import compose, with_volume
     from ..graphics.snapshot import render
+    from ..session.calibration_run import problem_of
 
     measurement, scene_shown = inputs.measurement, inputs.scene
-    if scene_shown is None:
-        raise InputError(f"{scene} is a measurement", "give a scene", key="scene")
+    assert scene_shown is not None
     positions, title, floor, volume, n = None, scene_shown.title, None, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
         title += f": {error_title(measurement, found)}"
     if microphone is not None:
         n = microphone_index(microphone, measurement.names, "microphone")
-        modes = inputs.settings.modes if found is None else len(found.frequencies)
+        modes = len(found.frequencies) if found else with_mode_count(problem_of(inputs), inputs.settings).modes
         floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes)
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
@@ -228,8 +230,7 @@ def map_of(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) 
 
     measurement, settings = inputs.measurement, inputs.settings
     if measurement.search is None:
-        problem = f"{inputs.name} has no search domain to draw a landscape on"
-        raise InputError(problem, "leave out <microphone>", key="microphone")
+        raise InputError(f"{inputs.name} has no search domain for a map", "leave out <microphone>", key="microphone")
     if measurement.array_dimension == 3:
         sampled, height = volume_around(inputs, positions, n, modes), z_range_of(inputs.scene, measurement)[0]
         volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)

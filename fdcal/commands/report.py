@@ -15,8 +15,7 @@ from ..assessment.calibration import FAULTS, Calibration
 from ..assessment.position_check import MAX_SCALE, ListFit, PositionCheck, compare_positions, fit_result, size_ratio
 from ..model.measurement import Measurement
 from ..model.validation import length_text
-from ..recordings.recording import ImportOptions
-from ..session.sources import CalibrationInput, compared_with_file, measurement_input
+from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 # Heads of the lines of a summary, in their order.
@@ -90,21 +89,6 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
 
 
 NEXT = "move the loudspeaker to the other side of the array"
-
-
-def calibrate_takes(
-    takes: Sequence[str], positions: str | None, options: ImportOptions
-) -> tuple[CalibrationInput, Calibration, PositionCheck | None]:
-    """Calibrate the files of several takes; `positions`: file of a list with which the array is compared."""
-    from ..recordings.importer import measurement_of_takes, read_takes
-    from ..session.calibration_run import solve
-
-    measurement, report = measurement_of_takes(read_takes(takes, options), options)
-    inputs = measurement_input(measurement, "takes" if len(takes) > 1 else "take")
-    if positions is not None:
-        inputs = compared_with_file(inputs, positions, tuple(report.left_out))
-    result = solve(inputs, wording=OPTIONS)
-    return inputs, result, None if inputs.measurement.positions is None else comparison(inputs, result)
 
 
 def takes_report(

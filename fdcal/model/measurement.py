@@ -7,6 +7,7 @@ positions may also be given later, by name or in the order of the channels. Its 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 from collections.abc import Mapping, Sequence
@@ -169,8 +170,7 @@ class Measurement:
         put("known", known)
         put("known_positions", places)
         if self.search is not None and len(self.search.size) != D:
-            problem = f"search_size has {len(self.search.size)} lengths and the positions have {D} coordinates"
-            raise InputError(problem, f"give {D} lengths", key="search_size")
+            raise refusal("search_size", list(self.search.size), f"does not fit {D} coordinates", f"give {D} lengths")
         steps = np.diff(self.frequencies)
         if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not several and np.any(steps == 0)):
             problem = "frequencies must be above zero and ascending" + ("" if several else ", each once")
@@ -288,8 +288,7 @@ class Measurement:
         for number, one in enumerate(each, 1):
             same = np.array_equal(one.known, known.known) and np.allclose(one.known_positions, known.known_positions)
             if len(one.known) and not same:
-                problem = f"measurement {number} has other known positions than another take"
-                raise InputError(problem, "give them once, or the same ones in all takes", key="known")
+                raise InputError(f"measurement {number} has other known positions", "give the same ones", key="known")
         # number of takes of each measurement, up to the last one with a row or arrivals
         numbers = [max(int(m.takes.max()) + 1, 0 if m.arrivals is None else len(m.arrivals)) for m in each]
         f = np.concatenate([one.frequencies for one in each])
@@ -487,20 +486,15 @@ def _checked_arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), seconds; None, None without any."""
-    rows = int(takes.max(initial=0)) + 1
     if times is None:
         if sigma is not None:
             raise InputError("arrival_sigma is given without arrivals", "add them", key="arrival_sigma")
         return None, None
-    try:
-        array = np.asarray(times)
-        missing = np.isnan(array)
-        array = np.where(missing, 0.0, array)
-        rows = max(rows, len(array))  # a take may have arrivals alone
-    except (TypeError, ValueError):  # texts, or rows of different lengths: `require_array` says which
-        array, missing = times, np.zeros((rows, count), bool)
-    array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
-    latest = float(np.abs(array).max(initial=0.0))
+    array = require_array("arrivals", times, "real", (None, count), "s, one row for each take", missing=True)
+    rows, least = len(array), int(takes.max(initial=0)) + 1
+    if rows < least:  # more are allowed: a take may have arrivals alone
+        raise InputError(f"arrivals has shape {array.shape}", f"give {least} rows, one for each take", key="arrivals")
+    latest = float(np.nanmax(np.abs(array), initial=0.0))
     if latest > LATEST_ARRIVAL:
         raise InputError(f"arrivals = {latest:.3g} s is too late", f"stay within {LATEST_ARRIVAL:g} s", key="arrivals")
     sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
@@ -509,7 +503,7 @@ def _checked_arrivals(
     deviation = require_array("arrival_sigma", sigma, "real", (rows,), "s, one for each take")
     if np.any(deviation <= 0):
         raise InputError("arrival_sigma must be above zero", "give one for each take, s", key="arrival_sigma")
-    return frozen_array(np.where(missing, np.nan, array), float), deviation
+    return array, deviation
 
 
 def checked_known(
@@ -520,8 +514,7 @@ def checked_known(
     numbers = require_array("known", numbers, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
     if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
-        remedy = f"name each microphone of 0 to {count - 1} at most once"
-        raise InputError(f"known = {listed} names a microphone twice or one that does not exist", remedy, key="known")
+        raise refusal("known", listed, "are not different microphones", f"name each of 0 to {count - 1} at most once")
     if len(listed) == count:
         raise InputError(f"known names all {count} microphones: none is left to be found", "leave one out", key="known")
     if positions is None:
@@ -539,8 +532,7 @@ def _require_usable(measurement: Measurement) -> None:
         measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.noise_power
     )  # fmt: skip
     if not len(values) or measurement.count < 2:
-        problem = f"pressures of shape {values.shape} are too few"
-        raise InputError(problem, "give one frequency and two microphones", key="pressures")
+        raise InputError(f"pressures have shape {values.shape}", "give two microphones or more", key="pressures")
     # With other signs a wave runs backwards or grows with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
@@ -622,8 +614,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
         return names.index(text)
     if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
         return int(text)
-    remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
-    raise InputError(f'"{text}" is not the name of a microphone', remedy, key=key)
+    raise InputError(f'"{text}" is not the name of a microphone', f"use <{key}> names, 0 to {len(names) - 1}", key=key)
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
@@ -632,8 +623,7 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
         return
     for name, column in zip(names, pressures.T, strict=True):
         if np.all(column == column[0]):
-            problem = f'microphone "{name}" has the same pressure at every frequency'
-            raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
+            raise InputError(f'microphone "{name}" has constant pressure', f"use <exclude> {name}", key="pressures")
     scale = np.abs(pressures).max(axis=0)
     unit = pressures / scale
     unit = unit / np.linalg.norm(unit, axis=0)
@@ -655,8 +645,7 @@ def with_different_takes(measurement: Measurement) -> Measurement:
         if len(one) != len(other) or not np.allclose(measurement.frequencies[one], measurement.frequencies[other]):
             continue
         if np.all(np.abs(np.sum(unit[one].conj() * unit[other], axis=1)) > 1 - DUPLICATE):
-            problem = f"takes {a} and {b} are copies: their pressures differ by a factor at each frequency"
-            raise InputError(problem, "give each take once", key="takes")
+            raise InputError(f"takes {a} and {b} are copies up to factors", "give each take once", key="takes")
     return measurement
 
 
@@ -672,8 +661,7 @@ class MicrophonePositions:
     def __post_init__(self):
         positions = require_array("positions", self.positions, "real", (len(self.names), None), "m")
         if positions.shape[1] not in (2, 3):
-            problem = f"positions have shape {positions.shape}"
-            raise InputError(problem, "give (N, 2) or (N, 3), metres", key="positions")
+            raise InputError(f"positions have shape {positions.shape}", "give (N, 2) or (N, 3) metres", key="positions")
         space = np.zeros((len(positions), 3))
         space[:, : positions.shape[1]] = positions
         object.__setattr__(self, "positions", frozen_array(space, float))
@@ -702,8 +690,7 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     rows = np.zeros((len(numbers), D))
     for row, number, position in zip(rows, numbers, given, strict=True):
         if position is None:
-            problem = f"the measurement has no position of microphone {names[number]}"
-            raise InputError(problem, "give a mapping of names to positions as <known>", key="known")
+            raise InputError(f"microphone {names[number]} has no position", "give a mapping as <known>", key="known")
         row[:] = require_array("known", position, "real", (D,), f"metres, for {names[number]}")
     return replace(measurement, known=numbers, known_positions=rows)
 
@@ -718,15 +705,8 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     positions = np.asarray(placed.positions)[rows]
     D = measurement.array_dimension
     if D == 2 and np.ptp(positions[:, 2]) > max(FLAT, NEARLY_FLAT * np.ptp(positions[:, :2], axis=0).max()):
-        problem = "the positions given have different heights, and this array is plane"
-        raise InputError(problem, "give <positions> of equal height", key="positions")
-    return replace(
-        measurement,
-        positions=positions[:, :D],
-        known=measurement.known,
-        known_positions=measurement.known_positions,
-        nominal=False,
-    )
+        raise InputError("the array is plane, the positions are not", "give <positions> of one height", key="positions")
+    return replace(measurement, positions=positions[:, :D], nominal=False)
 
 
 def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[tuple[str, ...], str]:
@@ -783,11 +763,9 @@ def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, n
         w = measurement.windows
         table |= dict(zip(SHORT, (w.frequencies, w.takes, w.pressures, w.length), strict=True))
     table = {key: value for key, value in table.items() if value is not None} | dict(others or {})
-    if isinstance(file, (str, Path)):
-        with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
-            np.savez_compressed(stream, **table)
-    else:
-        np.savez_compressed(file, **table)
+    # Given a name, NumPy would add .npz to it.
+    with open(file, "wb") if isinstance(file, (str, Path)) else contextlib.nullcontext(file) as stream:
+        np.savez_compressed(stream, **table)
 
 
 def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
@@ -796,7 +774,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     `excluded` are names or numbers of microphones that are left out before anything is checked; `called` is the name of
     the file in messages, by default its path.
     """
-    table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__)
+    table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__, called)
     path = called or path
     if "version" in table and not np.array_equal(table["version"], VERSION):
         problem = f"{path} is of version {shown(table['version'].tolist())}, and fdcal reads version {VERSION}"
@@ -811,14 +789,11 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     with naming(path):
         search = windows = None
         if SEARCH[0] in table:
-            for key in SEARCH[:2]:
-                if np.shape(table[key]) not in ((2,), (3,)):
-                    raise InputError(f"{key} has shape {np.shape(table[key])}", "give two or three numbers", key=key)
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
         if SHORT[0] in table:
-            length = require_array("short_length", table["short_length"], "real", (), "s").item()
+            length = require_array(SHORT[3], table[SHORT[3]], "real", (), "s").item()
             windows = ShortWindows(table[SHORT[0]], table[SHORT[1]], table[SHORT[2]], length)
         table = {key: table[key] for key in OPTIONAL + REQUIRED if key in table} | {"windows": windows}
         table = exclude_microphones(table, excluded)

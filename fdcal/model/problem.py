@@ -1,5 +1,6 @@
 """The part of a measurement that a solver gets, without true positions, and the channels' gains and noise it finds."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -31,18 +32,17 @@ class ShortWindows:
     length: float  # seconds, of a window
 
     def __post_init__(self):
-        frequencies = require_array("short_frequencies", self.frequencies, "real", (None,), "Hz")
-        takes = require_array("short_takes", self.takes, "index", (len(frequencies),), "counted from 0")
-        shape = len(frequencies), None, None
-        pressures = require_array("short_pressures", self.pressures, "complex", shape, "groups, windows, microphones")
-        if np.any(frequencies <= 0) or np.any(takes < 0):
+        put = functools.partial(object.__setattr__, self)
+        put("frequencies", require_array("short_frequencies", self.frequencies, "real", (None,), "Hz"))
+        G = len(self.frequencies)
+        put("takes", require_array("short_takes", self.takes, "index", (G,), "counted from 0"))
+        what = "groups, windows, microphones"
+        pressures = require_array("short_pressures", self.pressures, "complex", (G, None, None), what)
+        put("pressures", frozen_array(pressures, np.complex64))
+        put("length", convert(self.length, Seconds, "short_length"))
+        if np.any(self.frequencies <= 0) or np.any(self.takes < 0):
             problem = "short_frequencies and short_takes must be above zero, and not below it"
             raise InputError(problem, "leave the short windows out", key="short_frequencies")
-        object.__setattr__(self, "length", convert(self.length, Seconds, "short_length"))
-        for name, value, kind in (
-            ("frequencies", frequencies, float), ("takes", takes, np.int64), ("pressures", pressures, np.complex64),
-        ):  # fmt: skip
-            object.__setattr__(self, name, frozen_array(value, kind))
 
     def of_microphones(self, chosen: np.ndarray) -> "ShortWindows":
         """Return the windows of some microphones, indices (n,) or a mask (N,)."""

@@ -31,20 +31,9 @@ import numpy as np
 
 from .measurement import Measurement, load_measurement
 from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed, Whole
-from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings
+from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings, search_around
 from .storage import parse_toml, read_bytes
-from .validation import (
-    LIMITS,
-    InputError,
-    StorageError,
-    build,
-    check,
-    naming,
-    refusal,
-    require_choice,
-    require_point,
-    shown,
-)
+from .validation import LIMITS, InputError, StorageError, build, check, naming, refusal, require_choice, require_point
 
 SUFFIX = ".mat"
 UNKNOWN_WALLS = "unknown"  # room.walls of a measured room
@@ -112,8 +101,7 @@ class Room:
         if self.dimension == 2:
             object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
         elif self.cell is not None:
-            why = "has no meaning with a room.size of three lengths, whose field is known in closed form"
-            raise refusal("room.cell", self.cell, why, "remove it", "m")
+            raise refusal("room.cell", self.cell, "has no meaning with a room.size of three lengths", "remove it", "m")
         if (self.size is None) == (self.outline is None):
             raise InputError("room needs either room.size or room.outline", "give exactly one", key="room.size")
         if self.size is not None:
@@ -125,8 +113,7 @@ class Room:
             raise InputError("room.outline encloses no area", "give three or more corners", key="room.outline")
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
         if cells > LIMITS.cells:
-            remedy = f"use a larger one ({LIMITS.cells:.0e} cells at most)"
-            raise refusal("room.cell", self.cell, f"divides the room into {cells:.3g} cells", remedy, "m")
+            raise refusal("room.cell", self.cell, f"makes {cells:.3g} cells", "use a larger one", "m")
         require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
             remedy = 'give a number above zero (or set room.walls = "rigid")'
@@ -200,13 +187,10 @@ class Source:
 
     def __post_init__(self):
         if (self.position is None) == (not self.positions):
-            problem, remedy = "source.position and source.positions are both given", "keep one of them"
-            if self.position is None:
-                problem, remedy = "source.position is missing", "add it, or source.positions"
-            raise InputError(problem, remedy, key="source.position")
+            problem = "source needs either source.position or source.positions"
+            raise InputError(problem, "give exactly one", key="source.position")
         if len(self.positions) > LIMITS.takes:
-            problem = f"source.positions has {len(self.positions)} positions"
-            raise InputError(problem, f"use at most {LIMITS.takes}", key="source.positions")
+            raise refusal("len(source.positions)", len(self.positions), "is too many", f"use at most {LIMITS.takes}")
         for number, (key, place) in enumerate(zip(self.keys, self.places, strict=True)):
             require_point(key, place, (len(self.places[0]),) if number else (2, 3))
             if place in self.places[:number]:
@@ -216,14 +200,12 @@ class Source:
         for key, default in self.DEFAULTS._asdict().items():
             value = getattr(self, key)
             if not pulsed and value is not None:
-                why = "has no meaning with a source of three coordinates, where no pulse is simulated"
-                raise refusal(f"source.{key}", value, why, "remove it", "Hz")
+                raise refusal(f"source.{key}", value, "has no meaning with three coordinates", "remove it", "Hz")
             if pulsed:
                 object.__setattr__(self, key, default if value is None else value)
         if pulsed and not self.band.low < self.band.high < self.band.sample_rate / 2:
-            problem = f"source.low = {self.low:g} Hz and source.high = {self.high:g} Hz must be in ascending order and"
-            problem += f" below half of source.sample_rate = {self.sample_rate:g} Hz"
-            raise InputError(problem, "change one of the three", key="source.high")
+            why = f"is not in source.low = {self.low:g} Hz to half of source.sample_rate = {self.sample_rate:g} Hz"
+            raise refusal("source.high", self.high, why, "change one of the three", "Hz")
 
     @property
     def dimension(self) -> int:
@@ -254,8 +236,7 @@ class Source:
     def band(self) -> Band:
         """Band and sampling rate of the simulated pulse; InputError with three coordinates, which need no pulse."""
         if self.low is None or self.high is None or self.sample_rate is None:
-            why = "has three coordinates, so that no pulse is simulated"
-            raise refusal("source.position", list(self.places[0]), why, "give two coordinates")
+            raise refusal("source.position", list(self.places[0]), "has three coordinates: no pulse", "give two")
         return Band(self.low, self.high, self.sample_rate)
 
 
@@ -345,12 +326,10 @@ class Scene:
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:
-                problem = "source has no meaning in a measured room, whose response contains the sound of its own"
-                raise InputError(problem, "remove it", key="source")
+                raise InputError("source has no meaning in a measured room with its own", "remove it", key="source")
         elif len(self.emitter.places[0]) != D:
             key, position = self.emitter.keys[0], self.emitter.places[0]
-            why = f"has {len(position)} numbers and the room has {D} lengths"
-            raise refusal(key, list(position), why, "give as many coordinates")
+            raise refusal(key, list(position), f"is not in a room of {D} lengths", f"give {D} coordinates")
         if self.array.room_dimension != D:
             wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
             why = f"is of {self.array.room_dimension} dimensions and the room of {D}"
@@ -367,12 +346,10 @@ class Scene:
             sensing, band = self.measurement, self.emitter.band
             if not band.low <= sensing.lowest < sensing.highest <= band.high:
                 problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
-                problem += " exceeds the band of the source,"
-                problem += f" source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
+                problem += f" exceeds source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
                 raise InputError(problem, "narrow the one or widen the other", key="measurement.highest")
         elif self.array.number > LIMITS.microphones_3d:
-            problem = f"array has {self.array.number} microphones"
-            raise InputError(problem, f"use at most {LIMITS.microphones_3d} in a room with height", key="array.count")
+            raise refusal("array.count", self.array.number, "is too large", f"use at most {LIMITS.microphones_3d}")
         if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
@@ -391,8 +368,7 @@ def require_rectangle(scene: Scene) -> None:
     """Raise InputError unless solver "room" can be used for the room of `scene`."""
     reason = no_rectangle(scene)
     if reason:
-        remedy = 'use another solver: "room" is for rigid or absorbing rectangles'
-        raise InputError(f"the room of {scene.name} {reason}", remedy, key="solver.name")
+        raise InputError(f"the room of {scene.name} {reason}", "use another solver than room", key="solver.name")
 
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
@@ -440,8 +416,7 @@ class Array:
             for row in () if key not in needs else value if key == "positions" else [value]:
                 require_point(f"array.{key}", row, (wanted,))
         if self.number > LIMITS.microphones:
-            problem = f"array has {self.number} microphones"
-            raise InputError(problem, f"use at most {LIMITS.microphones}", key="array.count")
+            raise refusal("array.count", self.number, "is too large", f"use at most {LIMITS.microphones}")
 
     @property
     def dimension(self) -> int:
@@ -485,8 +460,6 @@ class Gauge:
         return tuple(n for n in range(count) if (n in named) == (self.free is None))
 
 
-CELLS = 50  # steps along the search domain of a placeholder
-MARGIN = 1.0  # metres around the known positions of the array
 KEYS = ("name", "title", "measurement", "remark")  # of the file of a scene that is a measurement
 
 
@@ -514,28 +487,20 @@ def placeholder_scene(
     remark: str = "",
 ) -> MeasuredScene:
     """Return a scene for a measurement that has none; `title`: the name and "as measured" unless given."""
-    D, d = measurement.dimension, measurement.array_dimension
-    places = measurement.positions if measurement.positions is not None else measurement.known_positions
-    low, high = (np.min(places, axis=0), np.max(places, axis=0)) if len(places) else (np.zeros(d), np.ones(d))
-    low, size = low - MARGIN, np.maximum(high - low, 0.1) + 2 * MARGIN
-    boxed, step = D == 3, float(size.max()) / CELLS
-    search = measurement.search or (None if boxed else Search(tuple(low.tolist()), (CELLS * step,) * 2, step))
-    outline = tuple(map(tuple, (low[:2] + size[:2] * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])).tolist()))
-    c = measurement.sound_speed
-    if boxed and d == 2:
+    D, d, placed = measurement.dimension, measurement.array_dimension, measurement.positions
+    if D == 3 and d == 2:
         array = Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
     else:
-        placed = measurement.positions
         placed = 0.1 * np.arange(measurement.count)[:, None] * np.ones(d) if placed is None else placed
-        array = Array("positions", positions=tuple(map(tuple, np.asarray(placed).tolist())))
+        array = Array("positions", positions=tuple(map(tuple, placed.tolist())))
     return MeasuredScene(
         name=name,
         title=title or f"{name}, as measured",
-        room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=outline, sound_speed=c),
-        source=Source(position=(0.1,) * 3 if boxed else tuple((low + 0.1).tolist())),
+        room=Room(size=(9.0, 8.0, 7.0)[:D], sound_speed=measurement.sound_speed),
+        source=Source(position=(0.1,) * D),
         array=array,
         gauge=Gauge(known=tuple(measurement.known.tolist())),
-        search=search,
+        search=measurement.search or (search_around([(0.0, 0.0), (1.0, 1.0)]) if D == 2 else None),
         measurement=Sensing(wavenumber="continuous"),
         solver=solver,
         seed=seed,
@@ -582,21 +547,16 @@ def load_scene(path: str | Path) -> Scene:
     (1.68, 1.2)
     """
     with naming(path):
-        return _scene_of(scene_table(path))
-
-
-def _scene_of(table: dict[str, Any]) -> Scene:
-    """Return the scene of a table as of `scene_table`."""
-    if not isinstance(table.get("measurement"), str):
-        return build(Scene, table)
-    for key, value in table.items():
-        if key not in KEYS:
-            problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
-            raise InputError(problem, "remove it", key=key)
-        if not isinstance(value, str):
-            raise InputError(f"{key} = {shown(value, quoted=True)} must be a text", "write it in quotes", key=key)
-    file, words = table["measurement"], {"title": table["title"], "remark": table.get("remark", "")}
-    return placeholder_scene(load_measurement(file), table["name"], SolverSettings(), file=file, **words)
+        table = scene_table(path)
+        if not isinstance(table.get("measurement"), str):
+            return build(Scene, table)
+        for key, value in table.items():
+            if key not in KEYS:
+                raise InputError(f"{key} has no meaning in a scene that is a measurement", "remove it", key=key)
+            if not isinstance(value, str):
+                raise refusal(key, value, "must be a text", "write it in quotes")
+        file, words = table["measurement"], {"title": table["title"], "remark": table.get("remark", "")}
+        return placeholder_scene(load_measurement(file), table["name"], SolverSettings(), file=file, **words)
 
 
 def scene_table(path: str | Path) -> dict[str, Any]:
@@ -634,5 +594,5 @@ def _file_of(path: Path) -> Path:
         near = [name for name in scene_names() if name.startswith(str(path))]
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)
         meant = f"did you mean {near[0]}? use {available}" if near else f"use {available}"
-        raise InputError(f'scene "{shown(str(path))}" is unknown', meant, key="scene")
+        raise InputError(f'scene "{str(path)[:60]}" is unknown', meant, key="scene")
     return folder_of("scenes") / f"{path.name}.toml"

@@ -12,7 +12,7 @@ import numpy as np
 
 from .gauge import align
 from .quantities import Count, Hertz, Metres, Point, Positive, Whole, option, positive
-from .validation import LIMITS, InputError, check, refusal, require_finite, within
+from .validation import LIMITS, InputError, check, refusal, require_finite, shown, within
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Sensing:
             raise refusal("measurement.snr_db", self.snr_db, "is out of range", remedy)
         check(self, "measurement.")
         if not self.lowest < self.highest:
-            why = f"must lie below measurement.highest = {self.highest:g} Hz"
+            why = f"is not below measurement.highest = {self.highest:g} Hz"
             raise refusal("measurement.lowest", self.lowest, why, "lower the one or raise the other", "Hz")
 
 
@@ -64,8 +64,7 @@ class Faults:
         check(self, "faults.")
         both = sorted(set(self.inverted) & set(self.dead))
         if both:
-            problem = f"faults.inverted and faults.dead both name microphone {both[0]}"
-            raise InputError(problem, "name it once", key="faults.dead")
+            raise InputError(f"microphone {both[0]} is in faults.inverted, too", "name it once", key="faults.dead")
 
     def gains(self, count: int, seed: int) -> np.ndarray:
         """Return the gain of every channel, 0 of a dead one : (N,) complex128."""
@@ -99,13 +98,12 @@ class Search:
 
     def __post_init__(self):
         if len(self.origin) != len(self.size):
-            why = f"and search.size = {list(self.size)} differ in dimension"
+            why = f"and search.size = {shown(list(self.size))} differ in dimension"
             raise refusal("search.origin", list(self.origin), why, "give both as many numbers as a position has")
         require_finite("search.origin", self.origin)
         check(self, "search.")
         if min(self.size) < self.step * (1 - 1e-9):
-            why = f"is longer than search.size = {list(self.size)} m"
-            raise refusal("search.step", self.step, why, "use a smaller step", "m")
+            raise refusal("search.step", self.step, f"is above search.size = {list(self.size)} m", "lower it", "m")
         if math.prod(self.shape) > LIMITS.candidates:
             remedy = f"use a larger one ({LIMITS.candidates} candidates at most)"
             raise refusal("search.step", self.step, f"gives {float(math.prod(self.shape)):.3g} candidates", remedy, "m")

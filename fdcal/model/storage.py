@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from .validation import LIMITS, InputError, StorageError, shown
+from .validation import LIMITS, InputError, StorageError, naming, shown
 
 SCHEME = 1  # increase it whenever the results of simulation or spectrum change, so that older cache files are ignored
 CACHE_BYTES = 2_000_000_000  # beyond this the least recently used files are deleted
@@ -147,8 +147,7 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     if not path.parent.is_dir():
         raise StorageError(f"{path} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     if path.is_dir() and not force and any(path.iterdir()):
-        remedy = "add <force> to replace files with the same names, or choose another folder"
-        raise InputError(f"{path} is not empty", remedy, key="output")
+        raise InputError(f"{path} is not empty", "add <force> to replace files in it, or name another", key="output")
     try:
         with tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=path if path.is_dir() else path.parent) as temporary:
             yield Path(temporary)
@@ -204,52 +203,48 @@ def _unparsed(where: object, kind: str, error: Exception) -> InputError:
     return InputError(f"{where} is not valid {kind}: {reason}")
 
 
-def read_archive(file: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Return the arrays of an open .npz file for whose names `wanted` is true, without unpickling anything.
+def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") -> dict[str, np.ndarray]:
+    """Return the arrays of an .npz file, a path or an open file, for whose names `wanted` is true; unpickle nothing.
 
-    InputError if they are larger than `LIMITS.unfolded`; a damaged archive may raise any exception.
+    `called`: name of an open file in messages. InputError for a damaged file, or for arrays larger than
+    `LIMITS.unfolded`; StorageError for one that cannot be read.
     """
-    with zipfile.ZipFile(file) as archive:
-        entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
-    # A compressed member unpacks to at most the size stated in the directory; a stored one is part of the file.
-    stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
-    packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
-    if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
-        problem = f"it has {packed + stored:.3g} bytes when decompressed, and the limit is {LIMITS.unfolded:.3g}"
-        raise InputError(problem, "write it with numpy.savez, which does not compress")
-    file.seek(0)
-    table, key = dict[str, Any](), ""
-    with np.load(file, allow_pickle=False) as archive:
-        for key in filter(wanted, archive.files):
-            try:
-                table[key] = archive[key]
-                if not isinstance(table[key], np.ndarray):
-                    raise ValueError("it does not begin like an array of NumPy")
-            except MemoryError:
-                raise
-            except Exception as error:  # a damaged member raises anything from zipfile, zlib or NumPy
-                problem = f'"{key}" is damaged or not a plain array of numbers ({shown(str(error), 120)})'
-                raise InputError(problem, "write it again", key=key) from error
-    return table
-
-
-def load_archive(path: Any, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
-    """Read an .npz file, a path or an open file, as `read_archive` does; InputError or StorageError if that fails."""
+    where, table, key = called or path, dict[str, Any](), ""
     try:
-        if not isinstance(path, (str, Path)):
-            return read_archive(path, wanted)
-        require_regular(path)
-        with open(path, "rb") as file:  # opened here, since NumPy does not close a file that it finds damaged
-            return read_archive(file, wanted)
-    except InputError as error:
-        raise error.within(path) from error
+        with naming(where), contextlib.ExitStack() as opened:
+            file = path
+            if isinstance(path, (str, Path)):  # opened here, since NumPy does not close a file that it finds damaged
+                require_regular(path)
+                file = opened.enter_context(open(path, "rb"))
+            with zipfile.ZipFile(file) as archive:
+                entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
+            # A compressed member unpacks to at most the size stated in the directory; a stored one is part of the file.
+            stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
+            packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
+            if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
+                problem = (
+                    f"it has {packed + stored:.3g} bytes when decompressed, and the limit is {LIMITS.unfolded:.3g}"
+                )
+                raise InputError(problem, "write it with numpy.savez, which does not compress")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as archive:
+                for key in filter(wanted, archive.files):
+                    table[key] = archive[key]
+                    if not isinstance(table[key], np.ndarray):
+                        raise ValueError("it does not begin like an array of NumPy")
+            return table
+    except InputError:
+        raise
     except MemoryError:
-        raise InputError(f"{path} does not fit into memory", "give WAV, W64, FLAC or HDF5") from None
+        raise InputError(f"{where} does not fit into memory", "give WAV, W64, FLAC or HDF5") from None
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
         if isinstance(error, OSError) and error.strerror:
-            raise StorageError(f"cannot read {path}: {error.strerror}") from error
-        problem = f"{path} is not a readable .npz file ({type(error).__name__})"
-        raise InputError(problem, "write it with numpy.savez") from error
+            raise StorageError(f"cannot read {where}: {error.strerror}") from error
+        problem, remedy = f"{where} is not a readable .npz file ({type(error).__name__})", "write it with numpy.savez"
+        if key:
+            problem = f'{where}: "{key}" is damaged or not a plain array of numbers ({shown(str(error), 120)})'
+            remedy = "write it again"
+        raise InputError(problem, remedy, key=key) from error
 
 
 def require_regular(path: str | Path) -> None:

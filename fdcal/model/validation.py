@@ -16,6 +16,7 @@ import contextlib
 import dataclasses
 import difflib
 import functools
+import itertools
 import math
 import re
 import reprlib
@@ -186,11 +187,14 @@ KINDS = {
 }
 
 
-def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+def require_array(
+    key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "", missing: bool = False
+) -> np.ndarray:
     """Return `values` as a read-only array of a kind of KINDS and of a shape; InputError if they do not fit.
 
     No value is rounded to fit; an empty array is of every kind. `shape` is the length along each axis, or None for any
-    length; () stands for a single value. `unit` is the unit or the meaning of the numbers, for the message.
+    length; () stands for a single value. `unit` is the unit or the meaning of the numbers, for the message. NaN is
+    refused unless `missing` is set.
     """
     letters, words, dtype = KINDS[kind]
     wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
@@ -209,7 +213,7 @@ def require_array(key: str, values: Any, kind: str, shape: tuple[int | None, ...
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         raise InputError(f"{key} has shape {array.shape}", remedy, key=key)
     if kind != "text":
-        require_finite(key, array)
+        require_finite(key, np.where(np.isnan(array), 0.0, array) if missing else array)
     return frozen_array(array, dtype)
 
 
@@ -422,11 +426,6 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
 
 def modes_text(modes: Any) -> str:
     """Return the shortest text that `parse_modes` reads as `modes`, an iterable of int."""
-    modes, parts = sorted(set(modes)), list[str]()
-    while modes:
-        end = 0
-        while end + 1 < len(modes) and modes[end + 1] == modes[end] + 1:
-            end += 1
-        parts.append(f"{modes[0]}-{modes[end]}" if end > 1 else ", ".join(map(str, modes[: end + 1])))
-        modes = modes[end + 1 :]
-    return ", ".join(parts)
+    numbered = enumerate(sorted(set(modes)))  # the difference of mode and number is constant in a range
+    ranges = [[mode for _, mode in one] for _, one in itertools.groupby(numbered, lambda pair: pair[1] - pair[0])]
+    return ", ".join(f"{one[0]}-{one[-1]}" if len(one) > 2 else ", ".join(map(str, one)) for one in ranges)

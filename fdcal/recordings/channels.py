@@ -21,7 +21,7 @@ import numpy as np
 from ..acoustics.spectrum import fast_length, irfft, rfft
 from ..assessment.calibration import ChannelFault
 from ..assessment.words import fault_words
-from ..model.validation import InputError
+from ..model.validation import InputError, refusal
 from .formats.positions import READERS, read_places
 from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_channels
 
@@ -211,7 +211,7 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
     rows = [row.mean(axis=1) for row in rows]
     for a, b in itertools.combinations(range(len(rows)), 2):
         if _is_copy(takes[a], takes[b], rows[a], rows[b], factor):
-            problem = f"{takes[b].path} is a copy of {takes[a].path}, or of a part of it: the same sound and source"
+            problem = f"{takes[b].path} is a copy of {takes[a].path}, or of a part of it"
             raise InputError(problem, "give each take once", key="source")
 
 
@@ -291,10 +291,8 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
         return np.array([_index_of(recording, name, "known") for name in names]), positions
     if recording.positions is None:
         if Path(text).suffix and os.path.isfile(text):
-            fault = f"known = {text}: positions are not read from a file {Path(text).suffix}"
-            raise InputError(fault, f"give a file {', '.join(sorted(READERS))}", key="known")
-        problem = f"known = {text}: {recording.path} contains no positions"
-        raise InputError(problem, "give a table: <known> FILE", key="known")
+            raise refusal("known", text, "is no list of positions", f"give a file {', '.join(sorted(READERS))}")
+        raise InputError(f"known = {text}: {recording.path} contains no positions", "give <known> FILE", key="known")
     indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
     return indices, recording.positions[indices]
 

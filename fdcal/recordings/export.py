@@ -21,7 +21,7 @@ from ..assessment.result_file import channel_table
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats
-from .formats.sound import SUFFIXES, open_for_writing
+from .formats.sound import open_for_writing
 from .recording import GROUP_SAMPLES, Recording, ranges, read_samples
 
 
@@ -65,7 +65,9 @@ def export(
     """
     path, allowed = Path(path), GAIN_TEXTS if table == "gains" else formats.suffixes("write")
     require_choice("table", table, ("positions", "gains"))
-    suffix = formats.require_suffix(path, allowed, f"a file of {table}")
+    suffix = path.suffix.lower()
+    if suffix not in allowed:
+        raise InputError(f'"{path}" is no file of {table}', f"use one of {', '.join(allowed)}", key="output")
     if table == "positions":
         placed = placed_in_frame(self, frame)
         write_atomically(path, lambda file: formats.write(file, placed), force)
@@ -121,8 +123,7 @@ def correction_of(result: Calibration, recording: Recording) -> Correction:
     """
     channels = result.channels
     if channels is None or not channels.gains_sought:
-        problem = f"the result of solver {result.solver} holds no gains of the channels"
-        raise InputError(problem, "calibrate with <solver> robust", key="result")
+        raise InputError(f"a result of solver {result.solver} holds no gains", "use <solver> robust", key="result")
     row = {name: n for n, name in enumerate(recording.names)}
     rows = [row.get(name) for name in result.names]
     if all(n is None for n in rows):
@@ -176,8 +177,6 @@ def corrected_blocks(recording: Recording, correction: Correction) -> Iterator[n
 
 def write_corrected(path: str | Path, recording: Recording, correction: Correction, force: bool = False) -> None:
     """Write the corrected recording as a sound file of 32-bit floats, whose samples may exceed full scale."""
-    path = Path(path)
-    formats.require_suffix(path, SUFFIXES, "a sound file that holds floats")
 
     def write(temporary: Path) -> None:
         with open_for_writing(temporary, recording.sample_rate, recording.count) as file:

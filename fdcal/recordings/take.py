@@ -132,8 +132,7 @@ def replayed(
     """
     recording = formats.read(path)
     if channels is not None and channels > recording.count:
-        problem = f"{path} has {recording.count} channels, not {channels}"
-        raise InputError(problem, "give fewer <channels>", key="channels")
+        raise InputError(f"{path} has only {recording.count} channels", "give fewer <channels>", key="channels")
     recording = select_channels(recording, np.arange(channels or recording.count))
 
     def blocks() -> Generator[Block, None, None]:

@@ -12,7 +12,7 @@ from ..assessment.calibration import Calibration
 from ..model.measurement import Measurement, MicrophonePositions, microphone_index, with_known, with_positions
 from ..model.scene import MeasuredScene, Scene, load_scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, convert, require_arguments, require_array, shown, within
+from ..model.validation import InputError, convert, refusal, require_arguments, require_array, shown, within
 from ..recordings.formats.positions import read_positions
 from ..recordings.recording import ImportOptions
 from .calibration_run import solve
@@ -21,6 +21,10 @@ from .sources import ProgressReport, is_recording, load_input, measurement_input
 
 if TYPE_CHECKING:
     from ..cost.maps import LandscapePanels
+
+
+LOAD_FIRST = "load it first: fdcal.load(...)"
+OF_SCENE = "give those of a scene: fdcal.load_scene(...).solver"
 
 
 def load(
@@ -75,7 +79,7 @@ def load(
     if not isinstance(paths, (list, tuple)) or not all(isinstance(one, (str, PathLike)) for one in paths):
         problem = f"load takes the path of a file, several paths or the name of a scene, not {type(source).__name__}"
         raise InputError(problem, "give it as text", key="source")
-    require_callable("progress", progress)
+    require_type("progress", progress or print, Callable, "give a function")
     texts, excluded = [str(one) for one in paths], microphone_names("exclude", exclude)
     if sources is not None:
         options["source"] = sources
@@ -83,8 +87,7 @@ def load(
     if options:
         other = next((text for text in texts if not is_recording(text)), None)
         if other is not None:
-            problem = f"{other} holds no recordings, and {', '.join(options)} is an option of recordings"
-            raise InputError(problem, "leave the option out")
+            raise InputError(f"{other} holds no recordings", f"leave out {', '.join(options)}")
         require_arguments("load", options, (field.name for field in fields(ImportOptions)))
         imported = ImportOptions(**options)
     with one_blas_thread():
@@ -128,8 +131,7 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | N
     """
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):
-        remedy = f'use the measurement itself: fdcal.load("{chosen.name}")'
-        raise InputError(f"{chosen.name} is a measurement, which cannot be simulated", remedy, key="scene")
+        raise InputError(f"{chosen.name} is a measurement", f'use fdcal.load("{chosen.name}")', key="scene")
     with one_blas_thread():
         return scene_input(chosen, progress).measurement
 
@@ -203,8 +205,9 @@ def calibrate(
     >>> bool(found.max_error < 0.02)
     True
     """
-    require_inputs(measurement, settings, "calibrate")
-    require_callable("progress", progress)
+    require_type("measurement", measurement, Measurement, LOAD_FIRST)
+    require_type("settings", SolverSettings() if settings is None else settings, SolverSettings, OF_SCENE)
+    require_type("progress", progress or print, Callable, "give a function")
     own = {*inspect.signature(calibrate).parameters} - {"others"}
     require_arguments("calibrate", others, own | {field.name for field in fields(SolverSettings)})
     gauge = known if isinstance(known, str) else None
@@ -219,8 +222,7 @@ def calibrate(
     if distance is not None:
         parts = [] if isinstance(distance, str) or not isinstance(distance, Iterable) else list(distance)
         if len(parts) != 3:
-            problem = f"distance = {shown(distance, quoted=True)} is not two microphones and a length"
-            raise InputError(problem, "write <distance> = (0, 1, 0.25), metres", key="distance")
+            raise refusal("distance", distance, "is not two microphones and a length", "write (0, 1, 0.25), metres")
         distance = str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
     inputs = replace(inputs, distance=distance, time_limit=time_limit)
     return solve(inputs, progress, keep=True)
@@ -268,15 +270,16 @@ def landscape(
     >>> panels.maps.shape
     (4, 25, 25)
     """
-    require_inputs(measurement, settings, "landscape")
-    settings, entries = settings or SolverSettings(), _entries("modes", modes, "modes", "write <modes> = [1, 5, 9]")
+    require_type("measurement", measurement, Measurement, LOAD_FIRST)
+    settings = SolverSettings() if settings is None else settings
+    require_type("settings", settings, SolverSettings, OF_SCENE)
+    entries = _entries("modes", modes, "modes", "write <modes> = [1, 5, 9]")
     used = convert(entries, list[Annotated[int, within(1, len(measurement.frequencies))]], "modes")
     n = microphone_index(str(microphone), measurement.names, "microphone")
     from ..cost.maps import landscape_panels
 
-    if calibration is not None and not isinstance(calibration, Calibration):
-        problem = f"calibration = {shown(calibration, quoted=True)} must be a Calibration"
-        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration")
+    if calibration is not None:
+        require_type("calibration", calibration, Calibration, "give what fdcal.calibrate returns")
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
         raise InputError(
@@ -299,17 +302,7 @@ def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
     return list(values)
 
 
-def require_inputs(measurement: Any, settings: Any, function: str) -> None:
-    """Raise InputError unless `measurement` is one, and `settings` are those of a solver or None."""
-    if not isinstance(measurement, Measurement):
-        problem = f"{function} takes a measurement, not {type(measurement).__name__}"
-        raise InputError(problem, f"load it first: fdcal.{function}(fdcal.load(...))", key="measurement")
-    if settings is not None and not isinstance(settings, SolverSettings):
-        problem = f"settings = {shown(settings, quoted=True)} are not those of a solver"
-        raise InputError(problem, "give those of a scene: fdcal.load_scene(...).solver", key="settings")
-
-
-def require_callable(key: str, value: Callable | None) -> None:
-    """Raise InputError unless `value` can be called, or is None."""
-    if value is not None and not callable(value):
-        raise InputError(f"{key} = {shown(value, quoted=True)} cannot be called", "give a function", key=key)
+def require_type(key: str, value: Any, kind: Any, remedy: str) -> None:
+    """Raise InputError unless `value` is of the type `kind`."""
+    if not isinstance(value, kind):
+        raise InputError(f"{key} = {shown(value, quoted=True)} must be a {kind.__name__}", remedy, key=key)

@@ -10,7 +10,6 @@ from functools import partial
 
 import numpy as np
 
-from .. import solvers
 from ..acoustics.compiled import OutOfTime, check_deadline, deadline
 from ..assessment.assess import ARGUMENTS, Assessment, assess
 from ..assessment.calibration import Calibration, Run
@@ -20,8 +19,8 @@ from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.quantities import Metres, Seconds
 from ..model.settings import SolverSettings, search_around
-from ..model.validation import InputError, convert, frozen_array
-from ..solvers import load, run
+from ..model.validation import InputError, convert, frozen_array, refusal
+from ..solvers import load, run, with_mode_count
 from ..solvers.interface import RunState, ended_early, time_limit
 from ..solvers.requirements import check_solvable
 from .process import interrupts, one_blas_thread
@@ -33,12 +32,10 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
     measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
     truth, search = measurement.positions, measurement.search
     if traits.needs_room and (inputs.distance is not None or inputs.settings.known == "minimal"):
-        fault = "a known room fixes the size and the position of the array"
-        raise InputError(fault, "leave out <distance> and <known> minimal", key="room")
+        raise InputError("a known room fixes the gauge", "leave out <distance> and <known> minimal", key="room")
     if inputs.distance is not None:
         if len(problem.known):
-            fault = "distance is for arrays without known microphones, which fix the size already"
-            raise InputError(fault, "leave out <distance>", key="distance")
+            raise InputError("distance is for arrays without known microphones", "leave out <distance>", key="distance")
         convert(inputs.distance[2], Metres, "distance")
         distance_pair(inputs)
     if truth is not None and search is not None and traits.needs_search:
@@ -58,8 +55,7 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
         extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
         if extent > diagonal:
             text = "x".join(f"{length:g}" for length in size)
-            fault = f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart"
-            raise InputError(fault, "give <room> in metres", key="room")
+            raise refusal("room", text, f"is smaller than the array of {extent:.3g} m", "give <room> in metres")
 
 
 def assess_state(
@@ -71,8 +67,7 @@ def assess_state(
         pair = distance_pair(inputs)
         apart = float(np.linalg.norm(np.subtract(*np.asarray(state.positions)[list(pair)])))
         if not apart > 0:
-            fault = f"microphones {pair[0]} and {pair[1]} were estimated at the same position"
-            raise InputError(fault, "name another pair in <distance>", key="distance")
+            raise InputError(f"microphones {pair[0]} and {pair[1]} coincide", "name others: <distance>", key="distance")
         scale = inputs.distance[2] / apart
     given, unused = inputs.measurement, {}
     if 0 < len(given.known) < given.count and not len(problem.known):  # `--check` compares a list of all microphones
@@ -126,8 +121,9 @@ def states_of(
     `progress` is called with the fraction done, 0 to 1, or 0 if it is unknown, and a note. An exception of this
     function ends the run.
     """
-    problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
-    adds_modes = load(inputs.settings.name).TRAITS.adds_modes
+    problem = problem_of(inputs) if problem is None else problem
+    inputs = replace(inputs, settings=with_mode_count(problem, inputs.settings))
+    last, adds_modes = inputs.settings.modes, load(inputs.settings.name).TRAITS.adds_modes
     require_possible(inputs, problem)
 
     def shown(state: RunState) -> RunState:
@@ -154,6 +150,7 @@ def solve(
     """
     inputs = with_needed_domain(inputs)
     problem = problem_of(inputs)
+    inputs = replace(inputs, settings=with_mode_count(problem, inputs.settings))
     if inputs.time_limit is not None:
         convert(inputs.time_limit, Seconds, "time_limit")
     start = time.perf_counter()
@@ -269,12 +266,12 @@ def with_estimated_domain(
     if settings.room is not None and len(settings.room) == measurement.array_dimension:
         corners = [(0.0,) * len(settings.room), settings.room]
         return replace(measurement, search=search_around(corners))
-    needs_search = solvers.load(settings.name).TRAITS.needs_search
+    needs_search = load(settings.name).TRAITS.needs_search
     chosen = replace(settings, name=SolverSettings().name if needs_search else settings.name, start=None)
     inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
     try:
         problem = problem_of(inputs)
-        inputs = replace(inputs, settings=solvers.with_mode_count(problem, chosen), time_limit=DOMAIN_SECONDS)
+        inputs = replace(inputs, settings=with_mode_count(problem, chosen), time_limit=DOMAIN_SECONDS)
         with one_blas_thread():
             state = last_state(inputs, progress, problem, time.process_time)[0]
     except InputError:

@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
+from scipy.spatial.distance import pdist
 
 from ..acoustics.dictionary import array_f_max
 from ..acoustics.measure import cached_measurement
@@ -84,8 +85,7 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         measurement = cached_measurement(scene)
         if measurement.positions is not None:
             return Layout(scene.name, measurement.names, measurement.positions)
-        problem = f"{scene.name} is a measurement without positions"
-        raise InputError(problem, "give a table of them, or another scene", key="layout")
+        raise InputError(f"{scene.name} is a measurement without positions", "give a table of them", key="layout")
     files = f"a file of positions ({', '.join(sorted(READERS))})"
     remedy = f"give {files}, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
     raise InputError(f'"{text}" names no array', remedy, key="layout")
@@ -169,20 +169,17 @@ class PlanRequest:
         apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
         if apart.min() <= ONE_PLACE * apart.max():
             first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
-            problem = f"microphones {first} and {second} are at the same position"
-            raise InputError(problem, "move them apart, or leave one out", key="layout")
-        check(self, names={"snr_db": "snr", "band": "frequencies"})
+            raise InputError(f"microphones {first} and {second} coincide", "move one or leave it out", key="layout")
+        check(self, names={"snr_db": "snr", "band": "frequencies", "reverberation_time": "rt60"})
         if room is not None and len(room) not in (2, 3):
             raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
         if room is not None and len(room) < D:
             raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
         if self.kind == "impulse" and room is None:
-            problem = "arrival times of impulses depend on where in the room the source can be"
-            raise InputError(problem, "give <room>", key="room")
+            raise InputError("arrival times of impulses depend on the room", "give <room>", key="room")
         checked_known(self.known, None, self.layout.positions, N, D)
         if self.known_sigma and not self.known:
-            why = "applies to given positions, and none is given"
-            raise refusal("known_sigma", self.known_sigma, why, "give <known>, or leave out <known_sigma>", "m")
+            raise InputError("known_sigma is for given positions", "give <known>, or leave it out", key="known_sigma")
         extent, sides = np.ptp(x, axis=0), np.array(room or (np.inf,) * D)
         if self.is_plane_in_room:  # its plane may have any direction
             extent, sides = np.sort(extent), np.sort(sides)[1:]
@@ -218,8 +215,7 @@ class PlanRequest:
         """The band in use, Hz: of the one that was given, what the array can interpolate."""
         low, high = self.band or (min(PLAN_LIMITS.low, self.f_max / 10), PLAN_LIMITS.high * self.f_max)
         if not 0 < low < high:
-            remedy = "give <frequencies> as LO:HI with LO below HI"
-            raise InputError(f"{low:g} to {high:g} Hz is not a band", remedy, key="frequencies")
+            raise InputError(f"{low:g} to {high:g} Hz is not a band", "give <frequencies> as LO:HI", key="frequencies")
         if low >= self.f_max:
             problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
             remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width
@@ -329,7 +325,11 @@ def make_plan(request: PlanRequest) -> Plan:
         of_frequency = [  # in a diffuse field, the mean over the band
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
-        windows = [_window_information(request, one / (1 + one)) for one in noise]
+        windows: list[Information | None] = [None] * len(noise)
+        if request.dimension == 3 and len(x) <= MAX_COUNT and pdist(x).max() <= rules.widest_m:
+            k = 2 * np.pi * np.linspace(LOWEST, HIGHEST, rules.window_frequencies) / request.sound_speed
+            unexplained = [max(one / (1 + one), rules.window_noise) for one in noise]
+            windows = [diffuse_information(x, k, one, 3).scaled(rules.windows / len(k)) for one in unexplained]
         table = [
             [_forecast(other, *one, arrivals[other.takes]) for one in zip(of_frequency, windows, strict=True)]
             for other in others
@@ -338,16 +338,6 @@ def make_plan(request: PlanRequest) -> Plan:
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
     return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
-
-
-def _window_information(request: PlanRequest, noise: float) -> Information | None:
-    """Return the information of short windows; None if they do not count. `noise`: over the whole power."""
-    x, rules = request.layout.positions, FORECAST
-    wide = np.linalg.norm(x[:, None] - x, axis=2).max() > rules.widest_m
-    if request.dimension != 3 or len(x) > MAX_COUNT or wide:
-        return None
-    k = 2 * np.pi * np.linspace(LOWEST, HIGHEST, rules.window_frequencies) / request.sound_speed
-    return diffuse_information(x, k, max(noise, rules.window_noise), 3).scaled(rules.windows / len(k))
 
 
 def _forecast(
@@ -402,8 +392,8 @@ def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int
                 request.room, x, PLAN_LIMITS.clearance, rng, lambda at: not hull_meets(x[:, :2], at[None, :2])
             )
             if source is None:
-                problem = f"no point of the room is {PLAN_LIMITS.clearance:g} m from the array"
-                raise InputError(problem, "give a larger <room>", key="room")
+                why = f"has no point that is {PLAN_LIMITS.clearance:g} m from the array"
+                raise refusal("room", request.room, why, "give a larger <room>", "m")
             matrix[np.ix_(on, on)] += arrival_matrix(x, source, D)
             if count in found:
                 found[count].append(matrix.copy())

@@ -15,7 +15,7 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 @contextlib.contextmanager
-def _handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
+def handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
     """Let `handler` receive signals of ENDING in the block: those without a handler or, if `every`, all not ignored.
 
     A signal that was ignored before, as under nohup, stays ignored.
@@ -46,13 +46,8 @@ def interrupts(urgent: bool = True) -> Iterator[threading.Event]:
             raise KeyboardInterrupt
         received.set()
 
-    with _handled_by(receive, every=True):
+    with handled_by(receive, every=True):
         yield received
-
-
-def ended_as_interrupted() -> contextlib.AbstractContextManager[None]:
-    """Make SIGTERM and SIGHUP raise KeyboardInterrupt in the block, as Ctrl-C does, unless they are ignored."""
-    return _handled_by(signal.default_int_handler, every=False)
 
 
 _lock = threading.Lock()

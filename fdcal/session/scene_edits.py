@@ -15,7 +15,7 @@ from ..model.arrays import positions_of
 from ..model.quantities import Count, Metres, Seed, Whole
 from ..model.scene import WALLS, Array, Gauge, MeasuredScene, Scene
 from ..model.settings import ALL_MODES, Search
-from ..model.validation import InputError, build, check, require_choice, within
+from ..model.validation import InputError, build, check, refusal, require_choice, within
 
 
 def table_of(scene: Scene) -> dict[str, Any]:
@@ -34,8 +34,7 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     table = table_of(scene)
     for key, value in changes.items():
         if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):
-            problem = f"{key} cannot be changed: the scene is a measurement"
-            raise InputError(problem, "change solver or seed, or use a scene that is simulated", key=key)
+            raise InputError(f"{key} of a measurement cannot be changed", "use a scene that is simulated", key=key)
         change(table, key, value)
     return build(type(scene), table)
 
@@ -47,8 +46,7 @@ def change(table: dict[str, Any], key: str, value: Any) -> None:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             above = ".".join(path[:depth])
-            remedy = f"{above} is a value, not a table; set {above} itself"
-            raise InputError(f"{key} is not a key of a scene", remedy, key=key)
+            raise InputError(f"{key} is not a key of a scene", f"set {above}, which is a value", key=key)
     table.pop(last, None)
     if value is not None:
         table[last] = plain(value)
@@ -120,8 +118,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
     count, known, lowest = array.number, parameters.known, min_known(changed)
     if (known, count) != (before.known, before.microphones):  # otherwise the known microphones stay the same
         if not lowest <= known < count:
-            problem = f"known = {known} of {count} microphones is impossible"
-            raise InputError(problem, f"use {lowest} to {count - 1}", key="known")
+            raise refusal("known", known, f"is impossible for {count} microphones", f"use {lowest} to {count - 1}")
         positions = positions_of(replace(changed, gauge=Gauge(free=(0,))))
         changed = replace(changed, gauge=Gauge(known=spread_out(positions, known)))
     positions_of(changed)

@@ -46,7 +46,7 @@ class StateCosts:
     def __init__(self, reference_cost: Callable[..., float] | None = None):
         self._reference_cost = reference_cost
         self._values: dict[int, tuple[weakref.ref, float]] = {}
-        self._credit, self._duration = 0.0, 0.0
+        self._spent, self._duration = 0.0, 0.0  # seconds: on steps since the last cost, and on that cost
         self.newest, self.count = float("nan"), 0
 
     def of(self, state: RunState) -> float:
@@ -75,10 +75,10 @@ class StateCosts:
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
         """Compute the cost of a state after a step that took `spent` s, if COST_TIME allows it."""
-        self._credit = min(self._credit + COST_TIME * spent, 2 * self._duration + COST_TIME * spent)
-        if self._credit >= self._duration:
+        self._spent += spent
+        if COST_TIME * self._spent >= self._duration:
             self.compute(state)
-            self._credit -= self._duration
+            self._spent = 0.0
 
     def missing(self, states: Sequence[RunState]) -> list[RunState]:
         """Return the states whose cost is to be computed when the solver is paused, the last first."""

@@ -23,15 +23,14 @@ from .. import solvers
 from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
-from ..model.settings import SolverSettings
-from ..model.storage import damaged, parse_json, read_archive, require_regular
-from ..model.validation import LIMITS, InputError, build, convert, frozen_array, naming, shown
+from ..model.storage import damaged, load_archive, parse_json, require_regular
+from ..model.validation import LIMITS, InputError, build, convert, frozen_array, naming, refusal, shown
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES
 from .sources import OpenRequest
 
-VERSION = 3
+VERSION = 4
 TABLE, ARRAYS = "session.json", "session.npz"
 UNPACKED_BYTES = 400_000_000  # size that an archive may unpack to
 WRITTEN_BYTES = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
@@ -73,38 +72,30 @@ def read(path: str | Path) -> OpenRequest:
                 raise InputError(f"{path} is not a session", f"a session holds {TABLE} and {ARRAYS}", key="session")
             # zipfile never unpacks more bytes of an entry than the entry declares
             if (size := sum(entry.file_size for entry in archive.infolist())) > UNPACKED_BYTES:
-                problem = f"{path} would take {size / 1e6:.0f} MB of memory"
-                raise InputError(problem, f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most", key="session")
+                limit = f"a session takes {UNPACKED_BYTES / 1e6:.0f} MB at most"
+                raise InputError(f"{path} would take {size / 1e6:.0f} MB of memory", limit, key="session")
             text, arrays = archive.read(TABLE), archive.read(ARRAYS)
     with naming(path):
-        return _opening(text, arrays)
-
-
-def _opening(text: bytes, packed: bytes) -> OpenRequest:
-    """Return the request that the two files of a session hold."""
-    table = parse_json(text, TABLE)
-    if not isinstance(table, dict) or not set(KEYS) <= set(table):
-        raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
-    if table["fdcal_session"] != VERSION:
-        found = shown(table["fdcal_session"], 20)
-        remedy = f"this fdcal reads version {VERSION}"
-        raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session")
-    for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
-        convert(table[key], kind, key)
-    scene = build(MeasuredScene if table.get("measured") is True else Scene, table["scene"])
-    if isinstance(scene, MeasuredScene):
-        scene = dataclasses.replace(scene, file="")  # a session reads no other file
-    with damaged(f"{ARRAYS} is damaged or holds more than plain arrays"):
-        arrays = read_archive(io.BytesIO(packed), lambda key: key.startswith("states_"))
-    measurement = load_measurement(io.BytesIO(packed), called=ARRAYS)
-    own = scene.room.dimension, scene.array.dimension
-    if (measurement.dimension, measurement.array_dimension) != own:
-        found = measurement.dimension, measurement.array_dimension
-        problem = f"the measurement has a field and an array of {found[0]} and {found[1]} dimensions, the scene of"
-        raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session")
-    problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    made = read_states(table["states"], arrays, problem, scene.solver.name, MAX_STATES)
-    return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
+        table = parse_json(text, TABLE)
+        if not isinstance(table, dict) or not set(KEYS) <= set(table):
+            raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
+        if table["fdcal_session"] != VERSION:
+            raise refusal("fdcal_session", table["fdcal_session"], "is another version", f"fdcal reads {VERSION}")
+        for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
+            convert(table[key], kind, key)
+        scene = build(MeasuredScene if table.get("measured") is True else Scene, table["scene"])
+        if isinstance(scene, MeasuredScene):
+            scene = dataclasses.replace(scene, file="")  # a session reads no other file
+        stacks = load_archive(io.BytesIO(arrays), lambda key: key.startswith("states_"), ARRAYS)
+        measurement = load_measurement(io.BytesIO(arrays), called=ARRAYS)
+        own = scene.room.dimension, scene.array.dimension
+        if (measurement.dimension, measurement.array_dimension) != own:
+            found = measurement.dimension, measurement.array_dimension
+            problem = f"the measurement has a field and an array of {found[0]} and {found[1]} dimensions, the scene of"
+            raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session")
+        problem = measurement.problem(scene.solver.weights, scene.solver.known)
+        made = read_states(table["states"], stacks, problem, scene.solver.name, MAX_STATES)
+        return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
 def kept_states(run, index: int | None) -> list[int]:
@@ -129,8 +120,8 @@ PLACES = ("positions", "shape", "origin", "centre", "place")  # arrays of coordi
 class StateReader:
     """States out of JSON, checked against their types and the problem, which determines the shapes and ranges."""
 
-    def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
-        self._arrays, self._settings = arrays, settings
+    def __init__(self, arrays: Mapping[str, np.ndarray], problem: Problem):
+        self._arrays = arrays
         self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
         modes, count = problem.pressures.shape
         D = problem.array_dimension
@@ -145,10 +136,6 @@ class StateReader:
 
     def state(self, table: dict[str, Any], State: type) -> Any:
         """Return a state out of a dict of its fields."""
-        number = table.get("settings")
-        if not isinstance(number, int) or not 0 <= number < len(self._settings):
-            raise InputError("states.settings refers to settings that the file does not hold", key="states.settings")
-        table = table | {"settings": self._settings[number]}
         try:
             state = msgspec.convert(table, State, dec_hook=self._array)
         except msgspec.ValidationError as error:
@@ -178,8 +165,7 @@ class StateReader:
         if dataclasses.is_dataclass(value) and value is not given:
             fields = [field.name for field in dataclasses.fields(value)]
             if others := set(given) ^ set(fields):  # msgspec would fill in missing fields and skip unknown ones
-                problem = f"{key}: fields that differ from those of this version: {shown(sorted(others), 300)}"
-                raise InputError(problem, OTHER_VERSION, key=key)
+                raise InputError(f"{key}: other fields than here: {shown(sorted(others), 300)}", OTHER_VERSION, key=key)
             for field in fields:
                 self._check(field, getattr(value, field), given[field])
         elif isinstance(value, tuple):
@@ -187,8 +173,7 @@ class StateReader:
                 self._check(key, one, inner)
         elif isinstance(value, np.ndarray):
             if value.shape != self._shapes.get(key, value.shape):
-                remedy = f"with this measurement it is {self._shapes[key]}"
-                raise InputError(f"{name} has shape {value.shape}", remedy, key=name)
+                raise InputError(f"{name} has shape {value.shape}", f"it must be {self._shapes[key]}", key=name)
             if key in PLACES and np.abs(value).max(initial=0.0) > LIMITS.coordinate:
                 raise InputError(f"{name} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m", key=name)
         elif isinstance(value, int) and not isinstance(value, bool):
@@ -207,8 +192,6 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
     """
     stacks: dict[tuple, list[np.ndarray]] = {}
     references: dict[int, tuple[np.ndarray, list[int]]] = {}  # with the array, so that its identity stays its own
-    settings: list[SolverSettings] = []
-    rows = []
 
     def encoded(value: Any) -> Any:
         if isinstance(value, np.generic):
@@ -224,14 +207,10 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
             references[id(value)] = value, [list(stacks).index(key), len(stack) - 1]
         return references[id(value)][1]
 
-    for state in states:
-        if state.settings not in settings:
-            settings.append(state.settings)
-        fields = msgspec.to_builtins(state, enc_hook=encoded)
-        rows.append(fields | {"settings": settings.index(state.settings)})
+    rows = [msgspec.to_builtins(state, enc_hook=encoded) for state in states]
     if "NaN" in json.dumps(rows):
         raise InputError(*NOT_FINITE)
-    table = {"solver": states[0].solver, "settings": [plain(dataclasses.asdict(one)) for one in settings], "rows": rows}
+    table = {"solver": states[0].solver, "rows": rows}
     return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(stacks.values())}
 
 
@@ -242,16 +221,13 @@ def read_states(
 
     InputError if the type, shape or range of a value is not that of a state of `problem`.
     """
-    for key in ("settings", "rows"):
-        found = table.get(key) if isinstance(table, dict) else None
-        if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
-            raise InputError(f"states.{key} must be a list of tables", key=f"states.{key}")
-    settings, rows, name = table["settings"], table["rows"], table.get("solver")
+    rows, name = (table.get("rows"), table.get("solver")) if isinstance(table, dict) else (None, None)
+    if not isinstance(rows, list) or not all(isinstance(entry, dict) for entry in rows):
+        raise InputError("states.rows must be a list of tables", key="states.rows")
     if not 1 <= len(rows) <= max_count:
-        remedy = f"a session holds 1 to {max_count} states"
-        raise InputError(f"states.rows has {len(rows)} entries", remedy, key="states.rows")
+        raise InputError(f"states.rows has {len(rows)} entries", f"it holds 1 to {max_count}", key="states.rows")
     if name != solver:
         remedy = f"the scene has solver.name = {shown(solver, quoted=True)}"
         raise InputError(f"states are of solver {shown(name, quoted=True)}", remedy, key="states.solver")
-    reader = StateReader(arrays, [build(SolverSettings, one, "settings.") for one in settings], problem)
+    reader = StateReader(arrays, problem)
     return tuple(reader.state(row, solvers.load(solver).State) for row in rows)

@@ -26,7 +26,7 @@ from ..recordings import formats
 from ..recordings.formats.arrays import keys_of
 from ..recordings.formats.positions import read_positions
 from ..recordings.recording import ImportOptions
-from ..solvers import PAPER, load, with_mode_count
+from ..solvers import PAPER, load
 
 ProgressReport = Callable[[float, str], None]  # gets the fraction done, 0 to 1, or 0 if it is unknown, and a note
 
@@ -38,7 +38,7 @@ class CalibrationInput:
     name: str  # of the scene or the file
     scene: Scene | None  # None if the measurement was read from a file, also by a measured scene
     measurement: Measurement  # without the `excluded` microphones
-    settings: SolverSettings  # with a number of modes
+    settings: SolverSettings
     seed: int
     excluded: tuple[str, ...] = ()  # names or numbers of microphones left out
     # (str, str, float) or None: names or numbers of two microphones, and their distance, metres, from which size and
@@ -47,7 +47,6 @@ class CalibrationInput:
     # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
     # unless given
     time_limit: float | None = None
-    all_modes: bool = False  # whether nobody chose the number of modes, so that it follows from the solver
     # how reports of errors call the positions of the measurement; "" for the true or the nominal positions
     compared_with: str = ""
     remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
@@ -85,20 +84,17 @@ def load_input(
         measurement = _without(importer.import_recording(texts, options or ImportOptions(), progress)[0], excluded)
     elif any(recorded):
         other = texts[recorded.index(False)]
-        problem = f"{other} holds no recordings, and other files do"
-        raise InputError(problem, "give recordings only, or measurements only", key="source")
+        raise InputError(f"{other} holds no recordings, other files do", "give files of one kind", key="source")
     elif len(texts) > 1:
         scene = next((one for one in texts if not one.lower().endswith(".npz")), None)
         if scene is not None:
-            problem = f"{scene} is neither a recording nor a measurement, and several files must be one of them"
-            raise InputError(problem, "give one scene, or files of takes", key="source")
+            raise InputError(f"{scene} is not a file of a take", "give one scene, or files of takes", key="source")
         measurement = Measurement.from_takes([load_measurement(one, excluded) for one in texts])
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
         inputs = scene_input(load_scene(text), progress)
-        inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
-        return with_mode_number(inputs) if excluded else inputs
+        return replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
     return replace(measurement_input(measurement, name), excluded=excluded)
 
 
@@ -108,23 +104,14 @@ def measurement_input(
     excluded: tuple[str, ...] = (),
     settings: SolverSettings | None = None,
 ) -> CalibrationInput:
-    """Return a measurement with settings that suit it: the modes that the solver can use."""
+    """Return a measurement and the settings of a solver, without more modes than it has."""
     settings = settings or SolverSettings()
     if settings.modes != ALL_MODES:
         modes = min(settings.modes, len(measurement.frequencies))
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     if excluded:
         measurement = _without(measurement, excluded)
-    return with_mode_number(CalibrationInput(name, None, measurement, settings, 0, excluded))
-
-
-def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
-    """Return `inputs` with a number of modes; that of the settings stays, if they have one."""
-    settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
-    if settings.modes != ALL_MODES:
-        return inputs
-    problem = inputs.measurement.problem(settings.weights, settings.known)
-    return replace(inputs, settings=with_mode_count(problem, settings), all_modes=True)
+    return CalibrationInput(name, None, measurement, settings, 0, excluded)
 
 
 def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str, ...] = ()) -> CalibrationInput:
@@ -149,7 +136,7 @@ def scene_input(scene: Scene, progress: ProgressReport | None = None) -> Calibra
     measurement = cached_measurement(scene, progress)
     if isinstance(scene, MeasuredScene):
         return replace(measurement_input(measurement, scene.name), title=scene.title)
-    return with_mode_number(CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed))
+    return CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed)
 
 
 def is_recording(text: str) -> bool:
@@ -193,7 +180,6 @@ def with_settings(
     if modes is not None:
         count = convert(modes, Count, "modes")
         settings = replace(settings, modes=count, first_modes=min(settings.first_modes, count))
-        inputs = replace(inputs, all_modes=False)
     settings = replace(settings, name=settings.name if solver is None else solver)
     traits = load(settings.name).TRAITS
     for key, value in given.items():
@@ -202,12 +188,11 @@ def with_settings(
             why, other = f'has no effect with solver.name = "{settings.name}"', option["solver"]
             raise refusal(key, value, why, f"leave out <{key}>, or use <solver> {other}")
         if "with_gains" in option and settings.gains == "fixed":
-            why = "has no effect with solver.gains = fixed"
-            raise refusal(key, value, why, f"leave out <{key}>, or use <gains> auto")
+            raise refusal(key, value, "has no effect with gains = fixed", f"leave out <{key}>, or use <gains> auto")
     if traits.needs_room and inputs.scene is not None:
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
-    return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
+    return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)
 
 
 @dataclass(frozen=True)
@@ -242,8 +227,7 @@ class OpenRequest:
 
 def measurement_request(inputs: CalibrationInput) -> OpenRequest:
     """Return the request for a page that shows a measurement without a scene."""
-    settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
-    scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
+    scene = placeholder_scene(inputs.measurement, inputs.name, inputs.settings, inputs.seed)
     return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
 
 

@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from ..model.validation import InputError
@@ -132,19 +132,17 @@ class LatestWorker:
 
     def carry_out(self, arguments: tuple) -> None:
         """Compute and deliver the result of a request, on the thread of the lane."""
-        began = time.perf_counter()
+        began, result, error = time.perf_counter(), None, None
         try:
             result = self._function(*arguments)
             for _ in result if isinstance(result, Iterator) else ():
                 while self._lane.carry_out_one(besides=self):
                     pass
-            delivery = Delivery(arguments, result=result)
-        except Exception as error:
-            expected = isinstance(error, (InputError, OSError))  # the caller reports these in one line
+        except Exception as failure:
+            expected = isinstance(failure, (InputError, OSError))  # the caller reports these in one line
             log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._name, exc_info=True)
-            delivery = Delivery(arguments, error=error)
-        delivery = replace(delivery, began=began, ended=time.perf_counter())
+            result, error = None, failure
         with self._lane.changed:
-            self.latest, self.running = delivery, False
+            self.latest, self.running = Delivery(arguments, result, error, began, time.perf_counter()), False
             self._lane.changed.notify_all()
         self._notify()

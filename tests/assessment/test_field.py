@@ -143,7 +143,7 @@ REFUSED = [
     (["--frequencies", "100,-3"], "above zero"),
     (["--frequencies", "low"], "not a list of numbers"),
     (["--step", "0"], "above zero"),
-    (["--step", "nan"], "is not a finite number"),
+    (["--step", "nan"], "step = nan must be a number"),
     (["--step", "1e-5"], "use a larger one"),
     (["--result", "other.json"], "use the result of this measurement"),
     (["-o", "map.xlsx"], "must end in"),

@@ -114,7 +114,7 @@ def test_a_required_key_is_asked_for(written, key):
         ({"names": np.arange(5)}, ["names is int64", "texts"]),
         ({"names": ["a", "b", "c", "d", "d"]}, ["names must be 5 different texts"]),
         ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
-        ({"search_size": np.zeros(100_000)}, ["search_size has shape (100000,)"]),
+        ({"search_size": np.zeros(100_000)}, ["differ in dimension"]),
         ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
         *(
             ({"spectrum": wrong}, ["spectrum"])
@@ -181,7 +181,7 @@ def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_mi
     for measurement in (NAMED, NUMBERED):
         refuses("6 positions are given for 5 microphones", model.with_positions, measurement, one_more)
     flat = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, dimension=2)
-    refuses("heights", lambda: model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES)))
+    refuses("one height", lambda: model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES)))
     level = model.MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
     np.testing.assert_array_equal(model.with_positions(flat, level).positions, PLACES[:, :2])
 

@@ -21,7 +21,7 @@ from fdcal.assessment.result_file import load_result
 from fdcal.model import storage
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene import folder_of, load_scene
-from fdcal.model.storage import parse_json, parse_toml, read_archive, write_atomically
+from fdcal.model.storage import load_archive, parse_json, parse_toml, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_places, read_positions
@@ -109,9 +109,9 @@ def test_arrays_that_are_not_compressed_may_be_larger_than_that(tmp_path, monkey
     np.savez(tmp_path / "plain.npz", a=np.ones(1000))
     np.savez_compressed(tmp_path / "packed.npz", a=np.ones(1000))
     with open(tmp_path / "plain.npz", "rb") as file:
-        assert read_archive(file, lambda key: True)["a"].sum() == 1000
+        assert load_archive(file, lambda key: True)["a"].sum() == 1000
     with open(tmp_path / "packed.npz", "rb") as file, pytest.raises(InputError):
-        read_archive(file, lambda key: True)
+        load_archive(file, lambda key: True)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import xml.etree.ElementTree as tree
 import numpy as np
 import pytest
 import soundfile
-from running import exit_code, refuses
+from running import exit_code
 
 import fdcal
 from fdcal.assessment.calibration import ChannelFault, Channels
@@ -124,7 +124,7 @@ def test_channels_that_a_list_shows_exchanged_change_places(sound, result, tmp_p
     assert corrections.correction_of(plain, recording).source.tolist() == list(range(N))
 
 
-def test_other_channels_and_results_without_gains_are_refused(sound, result, tmp_path):
+def test_other_channels_and_results_without_gains_are_refused(sound, result):
     recording = recording_of("sound", None, RATE, sound, names=tuple("abcdef"))
     with pytest.raises(fdcal.InputError) as refused:
         corrections.correction_of(result, recording)
@@ -132,9 +132,6 @@ def test_other_channels_and_results_without_gains_are_refused(sound, result, tmp
     with pytest.raises(fdcal.InputError) as refused:
         corrections.correction_of(dataclasses.replace(result, channels=None), recording)
     assert "robust" in refused.value.remedy
-    correction = corrections.correction_of(result, dataclasses.replace(recording, names=NAMES))
-    refuses("", corrections.write_corrected, tmp_path / "out.mp3", recording, correction)
-    assert not list(tmp_path.iterdir())
 
 
 def test_the_factors_of_acoular_multiply_the_samples(result, tmp_path):

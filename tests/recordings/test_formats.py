@@ -281,7 +281,7 @@ def too_long(path: Path) -> None:
         ("a.h5", of_rate("fast"), '"time_data.sample_freq" is fast; give one number'),
         ("a.h5", of_rate([1.0, 2.0]), '"time_data.sample_freq" is an array (2,)'),
         ("a.h5", in_hdf5(lambda file: file["time_data"].__setitem__((7, 1), np.nan)), 'sample 7 of channel "1" is not'),
-        ("mesh", in_mesh("ir_3.npy", Path.unlink), "no ir_3.npy (1 missing)"),
+        ("mesh", in_mesh("ir_3.npy", Path.unlink), "no ir_3.npy"),
         ("mesh", in_mesh("ir_3.npy", lambda path: np.save(path, np.zeros((2, 7)))), "ir_3.npy has shape (2, 7)"),
         ("mesh", in_mesh("ir_3.npy", lambda path: os.truncate(path, 900)), "ir_3.npy is damaged or truncated"),
         ("mesh", in_mesh("ir_3.npy", too_long), "ir_3.npy is damaged"),
@@ -291,7 +291,7 @@ def too_long(path: Path) -> None:
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].setncattr("Units", "degree, degree, metre")), "in degrees"),
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].__setitem__(slice(None), np.nan)), "empty or not finite"),
         ("a.sofa", in_sofa(lambda f: f["Data.SamplingRate"].__setitem__(slice(None), 0.0)), "sampling rate = 0 Hz"),
-        ("a.sofa", in_sofa(lambda f: f.renameVariable("Data.IR", "Data.XX")), "no impulse responses"),
+        ("a.sofa", in_sofa(lambda f: f.renameVariable("Data.IR", "Data.XX")), 'no "Data.IR"'),
         ("a.sofa", in_sofa(lambda f: f.renameVariable("SourcePosition", "Elsewhere")), 'has no "SourcePosition"'),
         ("a.sofa", in_sofa(lambda f: f["ListenerView"].__setitem__(slice(None), [0, 0, 1.0])), "not two directions"),
         ("a.wav", of_channel(2, 0.0), "channel 2 is silent"),
@@ -420,7 +420,7 @@ def test_transfer_functions_are_read_as_the_responses_that_they_are_of(tmp_path)
         assert np.allclose(read_samples(found, 0, T), np.fft.irfft(known)) and np.allclose(found.positions, PLACES)
     sofa.N = sofa.N**2
     sofar.write_sofa(str(tmp_path / "a.sofa"), sofa)
-    assert 'the frequencies "N" are not multiples of their spacing' in refusal(tmp_path / "a.sofa")
+    assert 'the frequencies "N" are not evenly spaced from 0' in refusal(tmp_path / "a.sofa")
 
 
 def half_precision(file: h5py.File) -> None:

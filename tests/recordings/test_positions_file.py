@@ -175,8 +175,8 @@ def geometry(old: str, new: str) -> str:
         ("t.csv", "mic,azimuth,elevation,r\na,1,0,1\n", "may be degrees or radians; write"),
         ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
         ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
-        ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "more than one column is called x"),
-        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "not clear which axis"),
+        ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "several columns are called x"),
+        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "which axis of shape"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
         ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
@@ -283,7 +283,7 @@ def test_positions_of_an_unknown_kind_of_file_are_said_to_be_so(tmp_path, capsys
     soundfile.write(tmp_path / "one.wav", np.random.default_rng(0).normal(size=(8000, 4)) / 10, 8000)
     assert exit_code("calibrate", tmp_path / "one.wav", "--known", tmp_path / "places.psv") == 2
     error = capsys.readouterr().err
-    assert "positions are not read from a file .psv; give a file .cfg, .csv" in error
+    assert "is no list of positions; give a file .cfg, .csv" in error
 
 
 def test_a_list_without_check_points_to_it(exchanged, capsys):

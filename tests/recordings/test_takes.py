@@ -109,7 +109,7 @@ def test_measurements_of_several_files_are_takes(folder, tmp_path):
         save_measurement(one, tmp_path / f"{s}.npz")
     same(fdcal.load([tmp_path / "0.npz", tmp_path / "1.npz"]), fdcal.Measurement.from_takes(single))
     refuses("holds no recordings", fdcal.load, [tmp_path / "0.npz", folder / "take1.wav"])
-    refuses("neither a recording nor a measurement", lambda: fdcal.load(["tiny", str(tmp_path / "0.npz")]))
+    refuses("tiny is not a file of a take", lambda: fdcal.load(["tiny", str(tmp_path / "0.npz")]))
 
 
 def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):

@@ -81,7 +81,7 @@ def moved(count: int, places) -> planning.Layout:
     [
         *((lambda text=text: planning.read_layout(text), "") for text in (
             "nothing", "circle", "circle 12", "circle x 0.3", "circle 12 -0.3", "cone 12 0.3", "gone.csv")),
-        (lambda: planning.PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 are at the same position"),
+        (lambda: planning.PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 coincide"),
         (lambda: request_of("circle 16 0.3", room=(5.0, 0.7, 0.6)),
          r"the array, 0\.6 x 0\.6 m, does not fit .* 5 x 0\.7 x 0\.6 m.*smaller array or a larger"),
         (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),

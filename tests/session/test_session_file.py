@@ -169,7 +169,7 @@ def put_inside(record, key, value):
     ("change", "word"),
     [
         (lambda table: table.pop("states"), "session"),
-        (lambda table: table.update(fdcal_session=1), r"fdcal_session = '?1'?; this fdcal reads version 3"),
+        (lambda table: table.update(fdcal_session=1), "fdcal_session = 1 is another version; fdcal reads 4"),
         (lambda table: table.update(index=999), "index"),
         (lambda table: table["scene"]["room"].update(sound_speed=-1), "room.sound_speed"),
         (lambda table: table["scene"].update(evil=1), "evil"),

@@ -12,9 +12,10 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
 from fdcal.model.validation import LIMITS
+from fdcal.session.calibration_run import problem_of
 from fdcal.session.scene_edits import edited, table_of
 from fdcal.session.sources import measurement_input, with_settings
-from fdcal.solvers import load
+from fdcal.solvers import load, with_mode_count
 from fdcal.solvers.requirements import highest_frequency, mode_count
 
 # Scenes with a number of modes of their own.
@@ -32,21 +33,24 @@ def measurement(highest, count=40, radius=0.4, modes=120, known=()):
     ), limit  # fmt: skip
 
 
+def count_of(inputs):
+    return with_mode_count(problem_of(inputs), inputs.settings).modes
+
+
 def test_all_modes_that_the_array_can_interpolate_are_used_and_a_number_that_is_given_holds():
     within, _ = measurement(1.0)
     inputs = measurement_input(within)
-    assert (inputs.settings.modes, inputs.all_modes) == (120, True)
-    assert with_settings(inputs, modes=30).settings.modes == 30
-    assert not with_settings(inputs, modes=30).all_modes
-    assert measurement_input(within, settings=SolverSettings(modes=57)).settings.modes == 57
-    assert measurement_input(within, settings=SolverSettings(modes=300)).settings.modes == 120
+    assert count_of(inputs) == 120
+    assert count_of(with_settings(inputs, modes=30)) == 30
+    assert count_of(measurement_input(within, settings=SolverSettings(modes=57))) == 57
+    assert count_of(measurement_input(within, settings=SolverSettings(modes=300))) == 120
 
 
 @pytest.mark.parametrize("known", [(), (0, 7, 13, 22)])
 def test_modes_far_beyond_the_array_are_left_out_by_a_solver_that_interpolates(known):
     beyond, limit = measurement(8.0, modes=400, known=known)
-    count = measurement_input(beyond, settings=SolverSettings("descent")).settings.modes
-    assert measurement_input(beyond).settings.modes == 400, "a likelihood interpolates nothing"
+    count = count_of(measurement_input(beyond, settings=SolverSettings("descent")))
+    assert count_of(measurement_input(beyond)) == 400, "a likelihood interpolates nothing"
     assert limit < beyond.frequencies[count] < 3 * limit, "the radius is estimated to a factor of 1.5, on the safe side"
 
 
@@ -63,10 +67,10 @@ def test_no_solver_is_given_more_modes_than_it_can_use():
     usable = load("descent").usable_modes(far.problem(), SolverSettings())
     assert 0 < usable < len(found.frequencies)
     inputs = measurement_input(far)
-    assert inputs.settings.modes == len(found.frequencies)
-    assert with_settings(inputs, "descent").settings.modes == usable
-    assert with_settings(with_settings(inputs, "descent"), "joint").settings.modes == len(found.frequencies)
-    assert with_settings(with_settings(inputs, modes=9), "descent").settings.modes == 9
+    assert count_of(inputs) == len(found.frequencies)
+    assert count_of(with_settings(inputs, "descent")) == usable
+    assert count_of(with_settings(with_settings(inputs, "descent"), "joint")) == len(found.frequencies)
+    assert count_of(with_settings(with_settings(inputs, modes=9), "descent")) == 9
 
 
 def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):

@@ -7,7 +7,7 @@ returns a recording of up to `MAX_HELD` samples as a whole; of a longer one each
 import importlib
 import pkgutil
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
@@ -126,14 +126,6 @@ def write(path: str | Path, placed: MicrophonePositions) -> None:
     """Write positions in the format that the suffix of the file selects."""
     suffix = Path(path).suffix.lower()
     next(one.write for one in all_formats() if one.write and suffix in one.suffixes)(Path(path), placed)
-
-
-def require_suffix(path: str | Path, allowed: Iterable[str], what: str) -> str:
-    """Return the suffix of an output file; InputError unless it is `allowed`; `what`: the kind of file."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in allowed:
-        raise InputError(f'"{path}" lacks the suffix of {what}', f"use one of {', '.join(allowed)}", key="output")
-    return suffix
 
 
 MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64

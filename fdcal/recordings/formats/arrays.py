@@ -88,10 +88,13 @@ def _rate_of_times(times: np.ndarray) -> float | None:
     return float(1 / step) if even and step != 1 else None
 
 
-def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callable[[str], Opened]) -> Recording:
+def recording_in(
+    path: Path, arrays: Arrays, rate: float | None, opened: Callable[[str], Opened] | None = None
+) -> Recording:
     """Return the recording in arrays; InputError with a list of them if several may be the samples.
 
-    `rate`: Hz, used if the arrays hold none; `opened`: returns, for the name of an array, a function that opens it.
+    `rate`: Hz, used if the arrays hold none; `opened`: returns, for the name of an array, a function that opens it, if
+    the arrays are not in memory.
     """
 
     def long(array: Any) -> list[int]:
@@ -132,7 +135,7 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
     if hertz is None:
         problem = f'{path} has no sampling rate beside "{shown(name)}" ({count} channels, {samples} samples)'
         raise InputError(problem, "give <rate> in Hz", key="rate")
-    open_array = opened(name)
+    open_array = opened(name) if opened else lambda: contextlib.nullcontext(array)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         values = np.empty((len(chosen), stop - start))
@@ -159,23 +162,19 @@ def recording_in(path: Path, arrays: Arrays, rate: float | None, opened: Callabl
     return Recording(str(path), kind, hertz, count, samples, block, **others)
 
 
-def _in_memory(path: Path, arrays: Arrays, rate: float | None) -> Recording:
-    return recording_in(path, arrays, rate, lambda name: lambda: contextlib.nullcontext(arrays[name]))
-
-
 def _read_arrays(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording in a file of NumPy or MATLAB, whose arrays are read into memory, or mapped (.npy)."""
     suffix = path.suffix.lower()
     if suffix == ".npz" and "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
     if suffix == ".npz":
-        return _in_memory(path, load_archive(path, lambda key: True), rate)
+        return recording_in(path, load_archive(path, lambda key: True), rate)
     if suffix == ".npy":
-        return _in_memory(path, {path.stem: _mapped(path)}, rate)
+        return recording_in(path, {path.stem: _mapped(path)}, rate)
     with open(path, "rb") as file:
         if file.read(19) == b"MATLAB 7.3 MAT-file":
             return isolated(_read_hdf5)(path, source, rate)
-    return _in_memory(path, isolated_call(path, matlab_arrays, path), rate)
+    return recording_in(path, isolated_call(path, matlab_arrays, path), rate)
 
 
 def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
@@ -210,7 +209,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
     if hertz is not None:
         scale = 1000 if head and re.search(r"\bms\b", head[0].lower()) else 1
         arrays["sample_rate"] = np.array(round(hertz * scale, 6))
-    return _in_memory(path, arrays, rate)
+    return recording_in(path, arrays, rate)
 
 
 def _read_meshrir(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
@@ -219,8 +218,7 @@ def _read_meshrir(path: Path, source: int | None = None, rate: float | None = No
     source = wanted_source(source, len(sources))
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
-        problem = f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)"
-        raise InputError(problem, "copy it again")
+        raise InputError(f"{path} has {len(places)} positions but no ir_{missing[0]}.npy", "copy it again")
     samples = _mapped(path / "ir_0.npy").shape[-1]
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
@@ -229,8 +227,7 @@ def _read_meshrir(path: Path, source: int | None = None, rate: float | None = No
             file, wanted = path / f"ir_{n}.npy", (len(sources), samples)
             data = _mapped(file)
             if data.shape != wanted:
-                problem = f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy require {wanted}"
-                raise InputError(problem, "copy it again")
+                raise InputError(f"{file} has shape {data.shape}, not {wanted} as ir_0.npy", "copy it again")
             values[row] = data[source, start:stop]
         return values
 

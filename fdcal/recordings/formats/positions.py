@@ -78,8 +78,7 @@ def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:
-        problem = f'"{path}" ends in no suffix of a file of positions'
-        raise InputError(problem, f"give <positions> as {', '.join(sorted(READERS))}", key="positions")
+        raise _question(f'the suffix of "{path}" is unknown', f"give <positions> as {', '.join(sorted(READERS))}")
     if suffix == ".sofa":
         if not path.exists():
             raise StorageError(f"cannot read {path}: No such file or directory")
@@ -190,8 +189,7 @@ def _read_xml(content: bytes) -> Placed:
     if len(found) > 1:
         found = [one for one in found if "mic" in one[0].lower()]
     if len(found) != 1:
-        problem = "it holds no single list of positions: elements <pos> with x, y and z"
-        raise _question(problem, "give a geometry of Acoular: <MicArray><pos Name= x= y= z=>")
+        raise _question("it holds no single list of positions", "write as Acoular: <MicArray><pos Name= x= y= z=>")
     return _of_records(found[0][1], unique=False)
 
 
@@ -271,8 +269,7 @@ def _of_array(values: Any, unit: float | None = None) -> Placed:
     array = np.asarray(values)
     axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
     if array.ndim != 2 or array.dtype.kind not in "fiu" or len(axes) != 1:
-        problem = f"it is not clear which axis of shape {array.shape} is that of the microphones"
-        raise _question(problem, "write a table: name,x,y,z")
+        raise _question(f"which axis of shape {array.shape} has the microphones?", "write a table: name,x,y,z")
     rows = (array if axes == [1] else array.T).tolist()
     return _of_records([dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
 
@@ -429,11 +426,9 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
     except (ValueError, IndexError):
         groups = {}
     if not groups:
-        problem = "more than one column is called x, and their names have no numbers of microphones"
-        raise _question(problem, "give one line per microphone below name,x,y,z")
+        raise _question("several columns are called x", "give one line per microphone below name,x,y,z")
     if np.ptp(table, axis=0).max() > STILL_M:
-        problem = "its microphones have positions that change from line to line"
-        raise _question(problem, "keep one line, or write one line per microphone below name,x,y,z")
+        raise _question("its positions change from line to line", "keep one line, or write one per microphone")
     first = next(iter(rows.values()))
     found = [[name, *(first[c] for c in axes.values())] for name, axes in groups.items()]
     return ["name", *next(iter(groups.values()))], dict(enumerate(found))

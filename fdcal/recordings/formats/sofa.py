@@ -131,8 +131,7 @@ def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
     found = [file.variables.get(name) for name in names]
     if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
         kind = getattr(file, "DataType", "unknown")
-        problem = f'no impulse responses in "Data.IR" and no transfer functions in a file of DataType {kind}'
-        raise InputError(problem, "give one of type FIR or TF")
+        raise InputError(f'no "Data.IR" nor "Data.Real" (DataType {kind})', "give responses or transfer functions")
     named = tuple(found[0].dimensions)
     if sorted(named) != sorted(AXES[: found[0].ndim]):  # other names: the order of the format is assumed
         named = tuple(AXES[: found[0].ndim])
@@ -147,8 +146,7 @@ def frequencies_of(file, count: int) -> tuple[float, int]:
         raise InputError(f'"N" must hold {count} ascending frequencies', "write them in Hz", key="N")
     below = round(f[0] / step)
     if np.abs(f - step * (below + np.arange(count))).max() > EVEN * step:
-        problem = 'the frequencies "N" are not multiples of their spacing'
-        raise InputError(problem, "write evenly spaced frequencies, or impulse responses", key="N")
+        raise InputError('the frequencies "N" are not evenly spaced from 0', "write impulse responses", key="N")
     return float(step), below
 
 
@@ -189,8 +187,8 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
         else:
             rates = np.unique(values_of(file, "Data.SamplingRate")) * _kilo(file, "Data.SamplingRate")
         if len(rates) > 1:
-            problem = f'"Data.SamplingRate" has different values, {rates[0]:g} and {rates[-1]:g}'
-            raise InputError(problem, "use one for all", key="Data.SamplingRate")
+            values = f"{rates[0]:g} and {rates[-1]:g}"
+            raise InputError(f'"Data.SamplingRate" is {values}', "use one for all", key="Data.SamplingRate")
         positions = receiver_positions(file, shape["M"], shape["R"])
         member = sources_of(file, shape["M"])
         wanted = wanted_source(source, (int(member.max()) + 1) * shape["E"])
