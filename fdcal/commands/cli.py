@@ -263,17 +263,18 @@ def calibrate(
 @commands.command()
 @click.argument("layout", metavar="LAYOUT")
 @opt.option("--room LxWxH", "Rectangular room.  [default: that of the scene, else a diffuse field]", type=opt.room_size)
-@opt.option("--rt60 S", "Reverberation time, s.", type=float, default=0.5)
-@opt.option("--snr DB", "Signal-to-noise ratio of each frequency.", type=float, default=30.0)
-@opt.option("--frequencies LO:HI", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]", type=opt.band)
+@opt.option("--rt60 S", "reverberation_time", "Reverberation time, s.", type=float, default=0.5)
+@opt.option("--snr DB", "snr_db", "Signal-to-noise ratio of each frequency.", type=float, default=30.0)
+@opt.option("--frequencies LO:HI", "band", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]",
+            type=opt.band)  # fmt: skip
 @opt.option("--known NAME,...", "Microphones whose positions are given.", type=opt.microphone_names, default=())
-@opt.option("--known-sigma LENGTH", "One sigma of each given coordinate, as 5mm.", type=opt.length)
-@opt.option("--gain-sigma DB", "Spread of the channels' gains, as 1dB.", type=opt.decibels)
+@opt.option("--known-sigma LENGTH", "One sigma of each given coordinate.", type=opt.length, default="0mm")
+@opt.option("--gain-sigma DB", "gain_sigma_db", "Spread of the channels' gains.", type=opt.decibels, default="0dB")
 @opt.option("--accuracy LENGTH", "The RMS error that is wanted.", type=opt.length, default="10mm")
-@opt.option("--takes N", "Places of the source, equally long each.", type=click.IntRange(1, 100), default=1)
+@opt.option("--takes N", "Places of the source, equally long each.", type=int, default=1)
 @opt.option("--kind", "impulse: arrival times count, too.", type=["stationary", "impulse"], default="stationary")
 @opt.option("--seed S", "Random seed of the places of the source.", type=click.IntRange(0), default=0)
-def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, takes, kind, seed):
+def plan(layout, room, known, seed, **given):
     """Forecast how exactly an array can be calibrated.
 
     LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
@@ -282,20 +283,9 @@ def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, a
     from ..session.plan import PlanRequest, make_plan, plan_lines, read_layout
 
     array = read_layout(layout, seed)
-    request = PlanRequest(
-        layout=array,
-        room=room or (None if array.scene is None else array.scene.room.size),
-        reverberation_time=rt60,
-        snr_db=snr,
-        band=frequencies,
-        known=tuple(sorted({microphone_index(name, array.names, "known") for name in known})),
-        known_sigma=known_sigma or 0.0,
-        gain_sigma_db=gain_sigma or 0.0,
-        accuracy=accuracy,
-        seed=seed,
-        takes=takes,
-        kind=kind,
-    )
+    room = room or (None if array.scene is None else array.scene.room.size)
+    numbers = {microphone_index(name, array.names, "known") for name in known}
+    request = PlanRequest(array, room, known=tuple(sorted(numbers)), seed=seed, **given)
     print("\n".join(plan_lines(make_plan(request))))
 
 

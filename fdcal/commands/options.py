@@ -120,7 +120,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
-        raise InputError(f'-o "{text}" does not end in {" or ".join(allowed)}', f"write NAME{allowed[0]}", key="output")
+        raise InputError(f'-o "{text}" must end in {" or ".join(allowed)}', f"write NAME{allowed[0]}", key="output")
     if path.is_dir():
         raise InputError(f"-o {text} is a folder", "name a file", key="output")
     if not path.parent.is_dir():

@@ -34,7 +34,7 @@ def test_edits_are_checked_like_a_file():
     changed = edited(measured, {"solver.name": "joint", "seed": 3})
     assert (changed.solver.name, changed.seed, changed.file) == ("joint", 3, measured.file)
     for key in ("room.size", "array.count", "measurement.snr_db", "gauge.known", "file"):
-        refuses(f"{key} cannot be changed: the scene is a measurement", edited, measured, {key: 1})
+        refuses(f"{key} of a measurement cannot be changed", edited, measured, {key: 1})
 
 
 def test_the_index_of_a_session_is_clipped_to_its_states():
