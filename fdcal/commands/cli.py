@@ -40,7 +40,6 @@ NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequen
 REPORT = "this is a fault of fdcal; please report it with the command, its input and what the same command prints with"
 LONGEST = 600  # characters of an error message
 ENTRY_POINTS = "fdcal.commands"
-ELSEWHERE = {"study": "fdcal_bench"}  # commands of other distributions: their folders in a checkout
 
 
 def printable(text: str) -> str:
@@ -121,10 +120,9 @@ class Commands(click.Group):
             return self.commands[cmd_name]
         for found in entry_points(group=ENTRY_POINTS, name=cmd_name):
             return found.load()
-        if cmd_name in ELSEWHERE:
-            folder = ELSEWHERE[cmd_name]
-            remedy = f"install it: pip install ./{folder} in a checkout of fdcal"
-            raise InputError(f"the command {cmd_name} belongs to {folder}", remedy, key=cmd_name)
+        if cmd_name == "study":
+            remedy = "install it: pip install ./fdcal_bench in a checkout of fdcal"
+            raise InputError("the command study belongs to fdcal_bench", remedy, key=cmd_name)
         return None
 
 

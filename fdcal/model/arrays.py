@@ -39,8 +39,7 @@ def positions_of(scene: Scene) -> np.ndarray:
             if hull_meets(positions, np.array([a, b])):
                 key = "room.size" if scene.room.size else "room.outline"
                 wall = f"{key} has a wall from {point_text(a)} to {point_text(b)} between the microphones"
-                remedy = "move the array (array.center) so that their convex hull is free of walls"
-                raise InputError(f"{wall}, where nothing may obstruct the sound", remedy, key=key)
+                raise InputError(f"{wall}, where nothing may obstruct sound", "move the array (array.center)", key=key)
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
         raise InputError("gauge leaves no microphone to be found", "remove one from gauge.known", key="gauge.known")

@@ -103,8 +103,7 @@ def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: An
     try:
         return call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
     except ProcessError as error:
-        remedy = "it is damaged or too large: copy it again, or write shorter files, as .wav or .npz"
-        raise InputError(f"{path} cannot be read: {error}", remedy) from error
+        raise InputError(f"{path} cannot be read: {error}", "copy it again, or write shorter files") from error
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from .problem import Problem, ShortWindows, joined_windows, mode_power
 from .quantities import MetresPerSecond, Seconds
 from .settings import Search
 from .storage import load_archive
-from .validation import LIMITS, InputError, convert, frozen_array, naming, refusal, require_array, require_choice, shown
+from .validation import LIMITS, InputError, convert, frozen_array, naming, refusal, require_array, require_choice
 
 LATEST_ARRIVAL = 1e4  # seconds
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
@@ -163,8 +163,7 @@ class Measurement:
             drawn = require_array("spectrum", self.spectrum, "real", (None, None), "Hz and mean power")
             lengths, ascending = (2, 1 + self.take_count), drawn.shape[1] > 1 and np.all(np.diff(drawn[0]) > 0)
             if len(drawn) not in lengths or not ascending or np.any(drawn[1:] < 0):
-                problem = f"spectrum has {len(drawn)} rows: it needs ascending frequencies, then powers of zero or more"
-                raise InputError(problem, "leave it out", key="spectrum")
+                raise InputError("spectrum needs ascending frequencies, then powers", "leave it out", key="spectrum")
             put("spectrum", drawn)
         known, places = checked_known(self.known, self.known_positions, self.positions, N, D)
         put("known", known)
@@ -777,8 +776,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__, called)
     path = called or path
     if "version" in table and not np.array_equal(table["version"], VERSION):
-        problem = f"{path} is of version {shown(table['version'].tolist())}, and fdcal reads version {VERSION}"
-        raise InputError(problem, "write it again with this fdcal", key="version")
+        raise InputError(f"{path} is not of version {VERSION}", "write it again with this fdcal", key="version")
     for key in REQUIRED:
         if key not in table:
             raise InputError(f'{path} has no "{key}"', f"a measurement needs {', '.join(REQUIRED)}", key=key)

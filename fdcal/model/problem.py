@@ -41,8 +41,7 @@ class ShortWindows:
         put("pressures", frozen_array(pressures, np.complex64))
         put("length", convert(self.length, Seconds, "short_length"))
         if np.any(self.frequencies <= 0) or np.any(self.takes < 0):
-            problem = "short_frequencies and short_takes must be above zero, and not below it"
-            raise InputError(problem, "leave the short windows out", key="short_frequencies")
+            raise InputError("short_frequencies or short_takes are negative", "leave them out", key="short_frequencies")
 
     def of_microphones(self, chosen: np.ndarray) -> "ShortWindows":
         """Return the windows of some microphones, indices (n,) or a mask (N,)."""

@@ -116,11 +116,9 @@ class Room:
             raise refusal("room.cell", self.cell, f"makes {cells:.3g} cells", "use a larger one", "m")
         require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
-            remedy = 'give a number above zero (or set room.walls = "rigid")'
-            raise refusal("room.admittance", self.admittance, "cannot describe absorbing walls", remedy)
+            raise refusal("room.admittance", self.admittance, "is not that of absorbing walls", "give one above zero")
         if self.walls != "absorbing" and self.admittance != 0:
-            why = f'has no meaning with room.walls = "{self.walls}"'
-            raise refusal("room.admittance", self.admittance, why, 'remove it or set room.walls = "absorbing"')
+            raise refusal("room.admittance", self.admittance, f"has no meaning with {self.walls} walls", "remove it")
 
     @property
     def dimension(self) -> int:
@@ -321,8 +319,7 @@ class Scene:
         for key in ("inverted", "dead"):
             for n in getattr(self.faults, key):
                 if not 0 <= n < self.array.number:
-                    remedy = f"the array has 0 to {self.array.number - 1}"
-                    raise InputError(f"faults.{key} names microphone {n}", remedy, key=f"faults.{key}")
+                    raise refusal(f"faults.{key}", n, "is no microphone", f"use 0 to {self.array.number - 1}")
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:

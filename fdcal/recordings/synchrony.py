@@ -79,8 +79,7 @@ class ChannelDelays:
 
     def unknown(self, names: tuple[str, ...]) -> list[str]:
         """Return the channels whose clock is unknown, since they are hardly coherent with the others."""
-        few = np.isfinite(self.delays).sum(axis=1) < SYNCHRONY.fewest
-        faults = self.faults(names)
+        few, faults = np.isfinite(self.delays).sum(axis=1) < SYNCHRONY.fewest, self.faults(names)
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
     def _change(self, row: np.ndarray) -> ClockFault:

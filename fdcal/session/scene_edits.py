@@ -144,8 +144,8 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
     q = parameters.radius / before.radius
     if array.positions is not None:
         if parameters.microphones != before.microphones:
-            problem = f"microphones = {parameters.microphones}; the scene gives the positions of {before.microphones}"
-            raise InputError(problem, "choose another scene", key="microphones")
+            why = f"are not the {before.microphones} whose positions the scene gives"
+            raise refusal("microphones", parameters.microphones, why, "choose another scene")
         points = np.array(array.positions)
         middle = points.mean(axis=0)
         return replace(array, positions=tuple(map(tuple, (middle + q * (points - middle)).tolist())))

@@ -227,7 +227,6 @@ def read_states(
     if not 1 <= len(rows) <= max_count:
         raise InputError(f"states.rows has {len(rows)} entries", f"it holds 1 to {max_count}", key="states.rows")
     if name != solver:
-        remedy = f"the scene has solver.name = {shown(solver, quoted=True)}"
-        raise InputError(f"states are of solver {shown(name, quoted=True)}", remedy, key="states.solver")
+        raise refusal("states.solver", name, "is not that of the scene", f'the scene has solver.name = "{solver}"')
     reader = StateReader(arrays, problem)
     return tuple(reader.state(row, solvers.load(solver).State) for row in rows)

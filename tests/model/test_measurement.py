@@ -120,7 +120,7 @@ def test_a_required_key_is_asked_for(written, key):
             ({"spectrum": wrong}, ["spectrum"])
             for wrong in (SPECTRUM[:, ::-1], -SPECTRUM, SPECTRUM[:1], SPECTRUM[:, :1], SPECTRUM * np.nan)
         ),
-        ({"version": 2}, ["is of version 2, and fdcal reads version 1; write it again"]),
+        ({"version": 2}, ["is not of version 1; write it again"]),
     ],
 )
 def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words):
@@ -200,4 +200,4 @@ def test_joined_takes_keep_their_spectra():
         axis, power = joined.of_take(number).spectrum
         np.testing.assert_allclose(power, level * axis)
     assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
-    refuses("spectrum has 4 rows", lambda: dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5)))
+    refuses("spectrum needs ascending", lambda: dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5)))

@@ -481,8 +481,8 @@ def test_a_long_recording_is_read_in_blocks(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("function", "words"),
     [
-        (os.abort, "crashed, SIGABRT; it is damaged or too large"),
-        (signal.pause, "it takes more than 1 s; it is damaged or too large"),
+        (os.abort, "crashed, SIGABRT; copy it again"),
+        (signal.pause, "it takes more than 1 s; copy it again"),
         (too_large, "it takes more than 4 GB of memory; it is damaged"),
     ],
 )
