@@ -28,12 +28,10 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said["list"] = inputs.remark
-    speeds = []
-    if inputs.distance is not None:
-        speeds.append(f"{result.sound_speed:.1f} m/s estimated, {measurement.sound_speed:.1f} m/s given")
-    if result.sound_speed_sigma is not None:
-        speeds.append(f"{result.sound_speed:.2f} m/s, one sigma {result.sound_speed_sigma:.2g} m/s")
-    said["speed"] = "\nspeed   ".join(speeds)
+    sigma = result.sound_speed_sigma
+    if inputs.distance is not None or sigma is not None:
+        certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"
+        said["speed"] = f"{result.sound_speed:.2f} m/s estimated{certain}; {measurement.sound_speed:.1f} m/s given"
     if inputs.scene is not None and inputs.scene.room.response is not None:
         said["field"] = "plane waves of a measured impulse response: modelled between the microphones"
     if (given := words.given_table(result)) is not None:

@@ -483,7 +483,7 @@ def test_a_long_recording_is_read_in_blocks(tmp_path, monkeypatch):
     [
         (os.abort, "crashed, SIGABRT; copy it again"),
         (signal.pause, "it takes more than 1 s; copy it again"),
-        (too_large, "it takes more than 4 GB of memory; it is damaged"),
+        (too_large, "it takes more than 4 GB of memory; copy it again"),
     ],
 )
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch, apart):
