@@ -29,7 +29,7 @@ from ..solvers.interface import Estimate, RoomEstimate
 from .calibration import OF_LIST, ChannelFault
 from .channels import MAX_NOISE
 from .uncertainty import one_sigma, root_mean_square
-from .words import faults_text
+from .words import faults_text, listed
 
 Seen = TypeVar("Seen")  # evidence for a verdict
 CAUSES = (
@@ -223,7 +223,7 @@ RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an
 
 def rms_radius(positions: np.ndarray) -> float:
     """Return the root mean square distance of positions (N, D), metres, from their centre, metres."""
-    return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
+    return root_mean_square(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -281,12 +281,6 @@ def precision(sigma: np.ndarray, residual: float | None) -> str:
     return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
 
 
-def _listed(parts: Sequence[str | ChannelFault]) -> str:
-    """Return names, or those of the microphones with faults, as a text: "a, b and c"."""
-    names = [part if isinstance(part, str) else part.name for part in parts]
-    return ", ".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
 MORE_KNOWN = 4  # number of further microphones whose positions a remedy asks for: enough to fix a frame in space
 
 
@@ -295,7 +289,7 @@ def _least_certain(seen: Judged) -> str:
     sigma = np.where(seen.healthy, one_sigma(seen.covariance), -1.0)
     sigma[seen.estimate.problem.known] = -1.0
     chosen = [int(n) for n in np.argsort(-sigma, kind="stable")[:MORE_KNOWN] if sigma[n] >= 0]
-    return f"the positions of microphones {_listed([seen.names[n] for n in sorted(chosen)])} (<known>)"
+    return f"the positions of microphones {listed(seen.names[n] for n in sorted(chosen))} (<known>)"
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
@@ -321,11 +315,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             reason="a single wave passes the array, because there are hardly any reflections"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
-                         f" {_listed(seen.unexplained)}: {CAUSES}",
+                         f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
             "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
-                         f" {_listed([*seen.faulty.values()])}: too few are left that agree",
+                         f" {listed(one.name for one in seen.faulty.values())}: too few are left that agree",
             "check their cables and gains",
             0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
@@ -342,8 +336,9 @@ FINDINGS: tuple[Finding[Judged], ...] = (
                          f" {seen.step_left:.2g} times their one sigma", "",
             3.0, "Newton step left over one sigma"),
     Finding("known_position", _few_right,
-            lambda seen: f"known microphone {_listed(seen.wrong_given)}: the position given contradicts the recordings;"
-                         " it or the sound speed is wrong, or the channel is swapped with another",
+            lambda seen: f"known microphone {listed(one.name for one in seen.wrong_given)}: the position given"
+                         " contradicts the recordings; it or the sound speed is wrong, or the channel is swapped"
+                         " with another",
             "check the positions and the cables of the known microphones",
             0.2, "misplaced given positions over all; more leave no frame to trust"),
     Finding("known_position", lambda seen, limit: seen.agreement <= limit,

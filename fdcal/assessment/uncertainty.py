@@ -108,7 +108,7 @@ class Bound:
     @property
     def rms(self) -> float:
         """Root mean square of `sigma` over the microphones that are sought, metres."""
-        return float(np.sqrt(np.mean(self.sigma[self.free] ** 2)))
+        return root_mean_square(self.sigma[self.free])
 
 
 def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension: int) -> Information:

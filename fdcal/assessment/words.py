@@ -89,6 +89,12 @@ def result_title(result: Calibration) -> str:
     return f"{len(result.positions)} microphones, solver {result.solver}: {result.verdict or 'no verdict'}{error}"
 
 
+def listed(parts: Iterable[str]) -> str:
+    """Return names as a text: "a, b and c"."""
+    names = list(parts)
+    return ", ".join(names) if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
 def counted(count: int, noun: str) -> str:
     """Return a number of things: "1 take", "2 takes"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -303,15 +303,11 @@ def picture_of(
     width, height = image.size
     corner = np.asarray(lattice.origin[:2]) - lattice.step / 2
     truth = measurement.aligned_truth(state.positions, by)
-
-    def pixels(positions) -> np.ndarray:  # (N, 2), y downwards
-        places = (np.asarray(positions, float)[:, :2] - corner) / lattice.step
-        return np.column_stack([places[:, 0], height - places[:, 1]])
-
     groups = {"estimate": state.positions} if truth is None else {"true": truth, "estimate": state.positions}
-    marks = "".join(
-        f'<use href="#{name}" x="{x:.1f}" y="{y:.1f}"/>' for name, group in groups.items() for x, y in pixels(group)
-    )
+    marks = ""
+    for name, group in groups.items():
+        places = (np.asarray(group, float)[:, :2] - corner) / lattice.step
+        marks += "".join(f'<use href="#{name}" x="{x:.1f}" y="{height - y:.1f}"/>' for x, y in places)
     coded = base64.b64encode(file.getvalue()).decode("ascii")
     return (
         f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'

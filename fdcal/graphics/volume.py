@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..assessment.words import listed
 from ..cost.maps import CostVolume, area, minima_of
 from ..cost.scale import Minima
 from ..model.settings import Search
@@ -86,9 +87,7 @@ class Volume:
         """The levels in words, as "isosurfaces at -26, -24 and -22 dB"."""
         if not self.levels:
             return "no isosurface"
-        values = [f"{level:g}" for level in self.levels]
-        listed = values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
-        return f"isosurface{'s' if len(values) > 1 else ''} at {listed} dB"
+        return f"isosurface{'s' if len(self.levels) > 1 else ''} at {listed(f'{x:g}' for x in self.levels)} dB"
 
 
 def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
