@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 import os
@@ -18,11 +20,13 @@ from scipy.spatial.distance import pdist
 
 from fdcal import Calibration
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, KnownRoom, placed_in_frame
-from fdcal.assessment.result_file import load_result, save_result
+from fdcal.assessment.result_file import load_result, position_table, save_result
+from fdcal.assessment.words import error_line
 from fdcal.graphics.picture import VISIBLE, ellipse_scale
-from fdcal.model.gauge import FRAMES, in_frame
+from fdcal.model.gauge import FRAMES, align, in_frame
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError
+from fdcal.viewer.tabs import microphones
 
 POSITIONS = np.array([[0.1, 0.2], [1 / 3, 4.0]])
 FULL = Calibration(
@@ -210,6 +214,28 @@ def test_errors_are_of_the_microphones_sought_whose_channels_are_healthy():
     assert turned.compared_with(measurement, (7, 8)).max_error < 8e-3, "nor do they move a blind array off the truth"
     read = Calibration.from_json(some.to_json())
     assert (read.mean_error, read.rms_error) == (some.mean_error, some.rms_error)
+
+
+def test_errors_of_an_array_that_nothing_holds_are_those_after_its_best_motion_and_page_and_file_say_so():
+    """The estimate is the truth turned, mirrored and moved, one microphone displaced by 30 mm: as it stands, metres."""
+    rng = np.random.default_rng(2)
+    truth, pressures = rng.uniform(0, 1, (12, 2)), rng.normal(size=(3, 12)) + 1j * rng.normal(size=(3, 12))
+    blind = Measurement([100.0, 140.0, 180.0], pressures, 343.0, positions=truth)
+    known = replace(blind, known=[0, 1, 2], known_positions=None)
+    displaced = truth + np.where(np.arange(12)[:, None] == 4, [0.018, 0.024], 0.0)
+    estimate = displaced @ np.array([[0.6, 0.8], [0.8, -0.6]]) + [3.0, -2.0]
+    best, errors = np.linalg.norm(align(estimate, truth) - truth, axis=1), blind.errors(estimate)
+    np.testing.assert_allclose(errors, best, atol=1e-12)
+    assert errors.argmax() == 4 and 0.02 < errors.max() < 0.03
+    assert known.errors(estimate).min() > 1, "known microphones say where it stands"
+    assert replace(blind, positions=None).errors(estimate) is None
+    largest, text = f"{1e3 * best.max():.3g}", error_line(errors, blind.blind)
+    assert text.startswith("error: mean") and f"largest {largest} mm, after alignment" in text
+    assert "align" not in error_line(known.errors(estimate), known.blind)
+    assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0)
+    rows = list(csv.DictReader(io.StringIO(position_table(blind, estimate))))
+    columns = np.array([[float(row[key]) for key in ("error_once_aligned_m", "x_m", "y_m")] for row in rows])
+    np.testing.assert_allclose(columns, np.column_stack([best, estimate]), rtol=1e-8, atol=1e-12)
 
 
 @settings(deadline=None, max_examples=30)

@@ -135,3 +135,32 @@ def test_a_missing_library_is_one_line_that_names_its_extra(module, extra):
 def test_the_version_is_printed(capsys):
     assert ended("--version") == 0
     assert capsys.readouterr().out == f"fdcal {metadata.version('fdcal')}\n"
+
+
+COMMAND = """
+import atexit, sys
+import fdcal
+from fdcal.commands.cli import main
+unneeded = {"numba", "llvmlite", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL"}
+unneeded |= {"soundfile", "h5py"}
+atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
+main(["calibrate", sys.argv[1], "--modes", "12"])
+"""
+
+
+def test_the_command_loads_only_what_a_calibration_needs(made):
+    """No compiler, whichever solver; libraries for pictures, the page and recordings take seconds to load."""
+    done = subprocess.run([sys.executable, "-c", COMMAND, made / "tiny.npz"], capture_output=True, text=True)
+    *_, summary, loaded = done.stdout.splitlines()
+    assert "verdict good" in summary and loaded == "[]"
+
+
+def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
+    """On standard error. `benchmarks/checks/test_compiled.py` asks that the pieces leave nothing to compile."""
+    names, compiled = [name for name, _ in cli.all_pieces()], []
+    monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])
+    assert not ended("warm")
+    out, errors = capsys.readouterr()
+    assert out == "" and compiled == names
+    for number, name in enumerate(names, 1):
+        assert f"{number} of {len(names)}: {name} ..." in errors
