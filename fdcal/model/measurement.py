@@ -527,9 +527,8 @@ def checked_known(
 
 def _require_usable(measurement: Measurement) -> None:
     """Raise InputError for too few pressures, wrong wavenumbers, a silent microphone or mode, or too much noise."""
-    values, f, k, noise = (
-        measurement.pressures, measurement.frequencies, measurement.wavenumbers, measurement.noise_power
-    )  # fmt: skip
+    values, f, k = measurement.pressures, measurement.frequencies, measurement.wavenumbers
+    noise = measurement.noise_power
     if not len(values) or measurement.count < 2:
         raise InputError(f"pressures have shape {values.shape}", "give two microphones or more", key="pressures")
     # With other signs a wave runs backwards or grows with time.

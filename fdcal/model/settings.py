@@ -64,7 +64,7 @@ class Faults:
         check(self, "faults.")
         both = sorted(set(self.inverted) & set(self.dead))
         if both:
-            raise InputError(f"microphone {both[0]} is in faults.inverted, too", "name it once", key="faults.dead")
+            raise InputError(f"faults.inverted and faults.dead name {both[0]}", "name it once", key="faults.dead")
 
     def gains(self, count: int, seed: int) -> np.ndarray:
         """Return the gain of every channel, 0 of a dead one : (N,) complex128."""

@@ -46,7 +46,7 @@ class StateCosts:
     def __init__(self, reference_cost: Callable[..., float] | None = None):
         self._reference_cost = reference_cost
         self._values: dict[int, tuple[weakref.ref, float]] = {}
-        self._spent, self._duration = 0.0, 0.0  # seconds: on steps since the last cost, and on that cost
+        self.duration = 0.0  # seconds that the last cost took
         self.newest, self.count = float("nan"), 0
 
     def of(self, state: RunState) -> float:
@@ -64,7 +64,7 @@ class StateCosts:
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)
-        self._duration = time.thread_time() - began if self.count else 0.0  # the first one also makes its tables
+        self.duration = time.thread_time() - began if self.count else 0.0  # the first one also makes its tables
         self._values[key] = weakref.ref(state, lambda _: self._values.pop(key, None)), value
         self.newest, self.count = value, self.count + 1
 
@@ -72,13 +72,6 @@ class StateCosts:
         """Return whether the cost of a state has been computed, or cannot be computed."""
         found = self._values.get(id(state))
         return self._reference_cost is None or (found is not None and found[0]() is state)
-
-    def compute_in_passing(self, state: RunState, spent: float) -> None:
-        """Compute the cost of a state after a step that took `spent` s, if COST_TIME allows it."""
-        self._spent += spent
-        if COST_TIME * self._spent >= self._duration:
-            self.compute(state)
-            self._spent = 0.0
 
     def missing(self, states: Sequence[RunState]) -> list[RunState]:
         """Return the states whose cost is to be computed when the solver is paused, the last first."""
@@ -165,6 +158,7 @@ class SolverRun:
         self._gesture: object = None  # the gesture by which the user made the last state, if it moved a microphone
         self.pause_between_steps = 0.0
         self.spent = collections.deque([0.0], maxlen=3)  # processor time of each of the last steps, s
+        self._unpaid = 0.0  # processor time of the steps since the last cost, s
         self._costs.compute(self._states[index])
         self.view = SessionView(self._states[index], index, tuple(self._states), costs=self._costs)
 
@@ -218,7 +212,10 @@ class SolverRun:
         began = time.thread_time()
         state = bounded(self._problem, view.state, self._module.step(self._problem, view.state))
         self.spent.append(time.thread_time() - began)
-        self._costs.compute_in_passing(state, self.spent[-1])
+        self._unpaid += self.spent[-1]
+        if COST_TIME * self._unpaid >= self._costs.duration:
+            self._costs.compute(state)
+            self._unpaid = 0.0
         if state.finished or (self._reached is not None and self._reached(state)):
             self._reached = None
         if view.index + 1 < len(self._states):

@@ -24,7 +24,7 @@ from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
 from ..model.storage import damaged, load_archive, parse_json, require_regular
-from ..model.validation import LIMITS, InputError, build, convert, frozen_array, naming, refusal, shown
+from ..model.validation import LIMITS, InputError, build, convert, evenly_spaced, frozen_array, naming, refusal, shown
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
 from .session import MAX_STATES
@@ -100,13 +100,12 @@ def read(path: str | Path) -> OpenRequest:
 
 def kept_states(run, index: int | None) -> list[int]:
     """Return the indices of the states to keep: all, or fewer if the file would be too large, `index` among them."""
-    largest = max(
-        len(pickle.dumps(state)) for state in (run[0], run[len(run) // 2], run[-1])
-    )  # about its size in bytes
+    # about the size of the largest state, bytes
+    largest = max(len(pickle.dumps(state)) for state in (run[0], run[len(run) // 2], run[-1]))
     max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
     if len(run) <= max_count:
         return list(range(len(run)))
-    even = np.linspace(0, len(run) - 1, max_count - 1).round().astype(int).tolist()
+    even = evenly_spaced(len(run), max_count - 1).tolist()
     return sorted({*even, len(run) - 1 if index is None else index})
 
 

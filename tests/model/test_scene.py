@@ -69,7 +69,7 @@ CORNER = "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"
         ({"solver.order_offset": "-1"}, ["solver.order_offset = -1"]),
         ({"solver": "3"}, ["not valid TOML"]),
         ({"faults.dead": "[16]"}, ["faults.dead"]),
-        ({"faults.inverted": "[3]", "faults.dead": "[3]"}, ["microphone 3 is in faults.inverted, too"]),
+        ({"faults.inverted": "[3]", "faults.dead": "[3]"}, ["faults.inverted and faults.dead name 3"]),
         ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
         ({"faults.phase_deg": "nan"}, ["faults.phase_deg"]),
         ({"source.positions": "[[1.58, 1.1], [0.1, 1.1]]"}, ["source.position or source.positions", "exactly one"]),
