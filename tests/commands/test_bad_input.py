@@ -78,7 +78,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     (tmp_path / "few.json").write_text(json.dumps(result | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}))
     assert "not valid JSON" in refused(*drawing, "text.json")
     assert "is not a result of this version of fdcal" in refused(*drawing, "empty.json")
-    assert 'no "solver"' in refused(*drawing, "less.json")
+    assert '"solver" is missing' in refused(*drawing, "less.json")
     assert '"names" must be of shape (1,)' in refused(*drawing, "few.json")
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
 
