@@ -168,12 +168,6 @@ def test_the_sum_is_the_closed_form_in_a_box(admittance):
         assert differs(room_modes.room_pressures(room.excitation(source), room.shapes(IN_RECTANGLE)), truth) < 1e-4
 
 
-def noisy() -> tuple[np.ndarray, np.ndarray]:
-    """Pressures that the unknowns of the next tests do not explain, and their noise."""
-    p = RNG.standard_normal((2, 3, 6))
-    return p[0] + 1j * p[1], np.array([0.1, 0.2, 0.3])
-
-
 def slope(function, x, i: int, h: float = 1e-6) -> float:
     ahead, behind = x.copy(), x.copy()
     ahead[i] += h
@@ -187,8 +181,8 @@ def slope(function, x, i: int, h: float = 1e-6) -> float:
     ids=["plane", "space"],
 )
 def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size, places, source):
-    p, noise = noisy()
-    D = len(size)
+    draws, noise, D = RNG.standard_normal((2, 3, 6)), np.array([0.1, 0.2, 0.3]), len(size)
+    p = draws[0] + 1j * draws[1]  # which the unknowns do not explain
     theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
 
     def cost(y) -> float:

@@ -44,13 +44,6 @@ def estimate(healthy):
     return solved(healthy).estimate
 
 
-def with_channel(measurement, factor):
-    """`measurement` with channel FAULTY multiplied by `factor` (M,) or a number."""
-    p = np.array(measurement.pressures)
-    p[:, FAULTY] *= factor
-    return replace(measurement, pressures=p)
-
-
 def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
     return np.linalg.norm(found.positions - measurement.positions, axis=1)
 
@@ -102,7 +95,9 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     ],
 )
 def test_a_fault_is_named_with_its_value(healthy, kind, unit, value, factor):
-    found, faulty = found_in(with_channel(healthy, factor(healthy.frequencies)))
+    p = np.array(healthy.pressures)
+    p[:, FAULTY] *= factor(healthy.frequencies)
+    found, faulty = found_in(replace(healthy, pressures=p))
     assert [(n, one.kind, one.unit) for n, one in faulty.items()] == [(FAULTY, kind, unit)]
     assert faulty[FAULTY].value == (value if value is None else pytest.approx(value, rel=0.1))
     # the faulty one, too: what is wrong with it is part of the model

@@ -16,23 +16,12 @@ from fdcal.model.measurement import Measurement
 SPEED, MODES, KNOWN = 343.0, 30, np.array([0, 5, 11, 17])
 
 
-def directions(count, dimension, rng):
-    found = rng.normal(size=(count, dimension))
-    return found / np.linalg.norm(found, axis=1)[:, None]
-
-
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
     x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (18, 3))
     f = np.linspace(60, 400, 20)
     r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
-
-
-def plate():
-    """Bending waves, whose wavenumber grows with the root of the frequency."""
-    f = np.linspace(40, 400, MODES)
-    return disc(24), f, waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)
 
 
 def rigid_sphere(count=18, radius=0.1):
@@ -42,7 +31,8 @@ def rigid_sphere(count=18, radius=0.1):
     u = np.c_[np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), z]
     f, rng, rows = np.linspace(150, 2000, 20), np.random.default_rng(3), []
     for k in 2 * np.pi * f / SPEED:
-        cosine = u @ directions(8, 3, rng).T
+        towards = rng.normal(size=(8, 3))
+        cosine = u @ (towards / np.linalg.norm(towards, axis=1)[:, None]).T
         amplitude, p = rng.normal(size=8) + 1j * rng.normal(size=8), np.zeros(count, complex)
         for degree in range(int(k * radius) + 12):
             slope = spherical_jn(degree, k * radius, True) - 1j * spherical_yn(degree, k * radius, True)
@@ -72,7 +62,9 @@ def test_without_reflections_the_field_is_said_to_be_a_single_wave():
 
 def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
     """A sound speed with which the given positions agree would be one that air does not have."""
-    found = fdcal.calibrate(measured(plate()), solver="robust")
+    f = np.linspace(40, 400, MODES)
+    pressures = waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)  # the wavenumber grows with the root of f
+    found = fdcal.calibrate(measured((disc(24), f, pressures)), solver="robust")
     assert found.verdict == "model_mismatch" and "sound field" in found.verdict_text
 
 

@@ -16,18 +16,13 @@ COUNT, OTHER_SIDE = 20, (0.6, 0.5, 1.9)
 INVERTED, SWAPPED = 12, (3, 9)
 
 
-def loudness(sound):
-    return 0.1 * sound / np.std(sound)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Folder with two takes of 20 s, one of them with faulty channels, too, and a list of the positions."""
     path = tmp_path_factory.mktemp("takes")
-    one, two = (
-        loudness(stationary_source(20.0, 30.0, COUNT, seed=seed, **place)[0])
-        for seed, place in ((2, {}), (3, {"source": OTHER_SIDE}))
-    )
+    places_of_source = (2, {}), (3, {"source": OTHER_SIDE})
+    one, two = (stationary_source(20.0, 30.0, COUNT, seed=seed, **place)[0] for seed, place in places_of_source)
+    one, two = (0.1 * sound / np.std(sound) for sound in (one, two))
     faulty = one.copy()
     faulty[INVERTED] *= -1
     faulty[list(SWAPPED)] = one[list(SWAPPED[::-1])]

@@ -22,11 +22,6 @@ def array(D=2, seed=0, count=9):
     return np.random.default_rng(seed).uniform(-0.5, 0.5, (count, D)) + np.arange(2, 2 + D)
 
 
-def lopsided(x, dimension, seed=3):
-    """Powers (M, Q) that differ from direction to direction."""
-    return np.random.default_rng(seed).uniform(0.1, 2.0, (len(K), kernels.directions_needed(x, K, dimension)))
-
-
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_diffuse_field_has_the_covariance_of_bessel_functions_of_order_zero(dimension):
     r = np.array([0.0, 1e-8, 0.01, 0.3, 2.0, 9.0])
@@ -61,7 +56,7 @@ def test_the_covariance_of_a_damped_isotropic_field_is_that_of_the_dictionary(di
 def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
     """Also of undamped waves, which are added in opposite pairs, and of some of the modes alone."""
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
-    powers = lopsided(x, dimension)
+    powers = np.random.default_rng(3).uniform(0.1, 2.0, (len(K), kernels.directions_needed(x, K, dimension)))
     found, _ = kernels.plane_wave_covariance(x, k, powers, dimension, slice(None))
     W = kernels.plane_waves(x, k, powers, dimension)
     np.testing.assert_allclose(found, W.swapaxes(1, 2) @ W.conj(), atol=1e-10 * np.abs(found).max())

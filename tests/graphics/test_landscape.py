@@ -156,19 +156,13 @@ def solid():
     )
 
 
-def opened(text, name, tmp_path):
+def test_a_landscape_for_paraview(measured, tmp_path):
     import pyvista
 
-    path = tmp_path / name
-    path.write_text(text, encoding="utf-8")
-    return pyvista.read(path)
-
-
-def test_a_landscape_for_paraview(measured, tmp_path):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 9, [2, 5], 2)
-    grid = opened(exports.landscape_vti(panels), "map.vti", tmp_path)
-    search = problem.search
+    (tmp_path / "map.vti").write_text(exports.landscape_vti(panels), encoding="utf-8")
+    grid, search = pyvista.read(tmp_path / "map.vti"), problem.search
     assert grid.dimensions == (*search.shape, 1) and np.allclose(grid.origin, (*search.origin, 0.0))
     assert set(grid.point_data) == {*(f"mode {m}, {problem.frequencies[m - 1]:.2f} Hz" for m in (2, 5)), "sum"}
     assert np.array_equal(grid["sum"].reshape(search.shape[::-1]), panels.maps[-1])

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -126,15 +125,6 @@ def test_a_narrow_resonance_keeps_its_own_frequency():
     assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
 
 
-@cache
-def swept(seconds: float, snr_db: float, silence: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """A logarithmic sweep from 20 to 500 Hz, with silence after it, as recorded (24, T) and as played (T,)."""
-    t = np.arange(int(seconds * FS)) / FS
-    sound = chirp(t, 20, seconds, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, seconds - t))
-    played = np.concatenate([sound, np.zeros(int(silence * FS))])
-    return noisy(np.array([fftconvolve(played, h)[: len(played)] for h in responses()]), snr_db), played
-
-
 def error_over_noise(taken) -> np.ndarray:
     """Error of every pressure over the estimated noise, mean of each third of the frequencies : (3,)."""
     truth = exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)
@@ -145,7 +135,11 @@ def error_over_noise(taken) -> np.ndarray:
 
 @pytest.mark.parametrize("seconds", [5, 20])
 def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(seconds):
-    recorded_samples, played = swept(seconds, 30)
+    """The sweep is logarithmic, from 20 to 500 Hz, and a second of silence follows it."""
+    t = np.arange(int(seconds * FS)) / FS
+    sound = chirp(t, 20, seconds, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, seconds - t))
+    played = np.concatenate([sound, np.zeros(FS)])
+    recorded_samples = noisy(np.array([fftconvolve(played, h)[: len(played)] for h in responses()]), 30)
     plain = pressures_of(recorded_samples)
     made, noise = deconvolve(recorded(recorded_samples, None), recorded(played[None], None), BAND)
     known = impulse_response_pressures(made, BAND, SPEED, noise=noise)

@@ -159,14 +159,6 @@ def absurd(kind: str) -> Measurement:
     return Measurement(frequencies, p, SPEED, positions=positions, known=range(3), search=search)
 
 
-def absurd_inputs(measurement: Measurement, solver: str, limit: float) -> CalibrationInput:
-    modes = 2 if solver == "descent" else MODES
-    settings = SolverSettings(name=solver, modes=modes, first_modes=2, room=SIZE if solver == "room" else None)
-    if solver == "room":
-        measurement = replace(measurement, positions=None, known=(), known_positions=None)
-    return CalibrationInput("test", None, measurement, settings, 0, time_limit=limit)
-
-
 CASES = [
     *itertools.product(["noise", "twins", "high"], ["joint", "robust"]),
     ("noise", "descent"),
@@ -178,7 +170,13 @@ CASES = [
 @pytest.mark.parametrize(("kind", "solver"), CASES)
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
     readings = itertools.count(1.0)  # of a clock that goes on by a second each time it is read
-    result = solve(absurd_inputs(absurd(kind), solver, 20.0), clock=lambda: next(readings))
+    settings = SolverSettings(name=solver, modes=2 if solver == "descent" else MODES, first_modes=2)
+    measurement = absurd(kind)
+    if solver == "room":
+        settings = replace(settings, room=SIZE)
+        measurement = replace(measurement, positions=None, known=(), known_positions=None)
+    inputs = replace(inputs_of(measurement, time_limit=20.0), settings=settings)
+    result = solve(inputs, clock=lambda: next(readings))
     assert next(readings) == 23  # 22 is the first reading past the limit: nothing goes on after that
     assert result.verdict == "not_converged" and not result.converged and "20 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)

@@ -97,26 +97,16 @@ def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
 # Laws of the noise that the likelihood solver assumes, and of what it accepts as the end of its search.
 
 
-WIDE = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
-THREE = [0, 1, 2]
-SETTINGS = SolverSettings(name="joint", modes=40)
-
-
-def last_state(measurement, settings=SETTINGS):
-    return list(solvers.run(measurement.problem(), settings, 0))[-1]
-
-
 def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_place_is_given():
-    problem = measured(WIDE, THREE, snr_db=40, seed=2).problem()
-    away = WIDE + 9.0 * np.isin(np.arange(len(WIDE)), [1, 5])[:, None]
-    state = load("robust").init(problem, replace(SETTINGS, name="robust"), 0, away)
-    silent = np.isin(np.arange(len(WIDE)), [1, 5])
-    noisy = np.where(silent, 1e6, 1.0), np.zeros((len(WIDE), 2))
-    dead = np.ones(len(WIDE)), np.where(silent[:, None], [-6.9, 0.0], 0.0)  # without noise, but 60 dB below the others
+    silent = np.isin(np.arange(COUNT), [1, 5])
+    problem, away = measured(TRUTH, [0, 1, 2], snr_db=40, seed=2).problem(), TRUTH + 9.0 * silent[:, None]
+    state = load("robust").init(problem, SolverSettings(name="robust", modes=MODES), 0, away)
+    noisy = np.where(silent, 1e6, 1.0), np.zeros((COUNT, 2))
+    dead = np.ones(COUNT), np.where(silent[:, None], [-6.9, 0.0], 0.0)  # without noise, but 60 dB below the others
     for channel_noise, gains in (noisy, dead):
         model = replace(state.model, noise_fraction=1e-4, channel_noise=channel_noise)
         placed = with_silent_inside(problem, replace(state, positions=away, gains=gains, model=model))
-        np.testing.assert_allclose(placed.positions[5], np.delete(WIDE, [1, 5], axis=0).mean(axis=0))
+        np.testing.assert_allclose(placed.positions[5], np.delete(TRUTH, [1, 5], axis=0).mean(axis=0))
         np.testing.assert_array_equal(np.delete(placed.positions, 5, axis=0), np.delete(away, 5, axis=0))
         assert placed.model.channel_noise[5] >= 1e4, "all of its power is noise"
 

@@ -76,13 +76,10 @@ def expert(opened):
     return opened
 
 
-@pytest.mark.parametrize("size", [LARGE, DESKTOP])
-def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(expert, size):
+def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(expert):
     scene = load_scene("tiny")
-    sized(expert, size)
-    expert.locator("canvas").first.wait_for()
 
-    def they_stand_there():
+    def they_stand_there(size):
         canvas = expert.locator("canvas").first.bounding_box()
         x, y = scene.search.origin[:2]
         (left, bottom), (right, _) = on_screen(expert, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
@@ -101,7 +98,9 @@ def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(exper
             ends = [box["x"] + box["width"] for box in boxes]
             assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False)) and ends[-1] <= edge
 
-    until(expert, they_stand_there)
+    for size in (LARGE, DESKTOP):
+        sized(expert, size)
+        until(expert, lambda size=size: they_stand_there(size))
 
 
 def legend_of(expert):
