@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from .marks import ESTIMATE, css
 
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
 WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # of a chart, its own units; left, top, right, bottom
+POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, its own units
 FEW = 4  # channels of a list
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
@@ -64,13 +66,13 @@ def chart(
     `red`: the points that are red.
     """
     left, top, right, bottom = EDGES
-    low, high = min(0.0, float(y.min())), max(0.0, 1.15 * float(y.max()), *(1.15 * level for *_, level, _ in means))
+    low, high = min(0.0, float(y.min())), max(0.0, (1.35 if means else 1.15) * float(y.max()))
     first, last = float(x.min()), float(x.max())
 
     def across(value: float) -> float:
         return left + 8 + (WIDE - left - right - 16) * (value - first) / max(last - first, 1e-9)
 
-    def down(value: float) -> float:
+    def down(value: Any) -> Any:
         return HIGH - bottom - (HIGH - top - bottom) * (value - low) / max(high - low, 1e-9)
 
     parts = [f"<path class='axes' d='M{left} {top}V{HIGH - bottom}H{WIDE - right}'/>"]
@@ -83,10 +85,16 @@ def chart(
     for a, b, level, word in means:
         parts.append(f"<path class='mean' d='M{across(a):.1f} {down(level):.1f}H{across(b):.1f}'/>")
         at, end = (a, "start") if a - first < last - b else (b, "end")
-        place = f"x='{across(at):.1f}' y='{down(level) - 5:.1f}' text-anchor='{end}'"
+        beside = [across(n) - across(at) for n in x]
+        covers = np.array([0 < (-d if end == "end" else d) + POINT < LETTER * len(word) + 2 * POINT for d in beside])
+        heights = down(level) - 5, down(level) + 13, top + 8  # of the word: above the line, below it, at the upper edge
+        hidden = [np.sum(np.abs(down(y[covers]) - (at - 4)) < 5 + POINT) for at in heights]
+        place = f"x='{across(at):.1f}' y='{heights[int(np.argmin(hidden))]:.1f}' text-anchor='{end}'"
         parts.append(f"<text class='mean' {place}>{word}</text>")
     for i, (a, b) in enumerate(zip(x, y, strict=True)):
-        parts.append(f"<circle class='{'wrong' if i in red else ''}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='3.6'/>")
+        parts.append(
+            f"<circle class='{'wrong' if i in red else ''}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='{POINT}'/>"
+        )
     return f"<svg class='chart' viewBox='0 0 {WIDE} {HIGH}' role='img' aria-label='{labels[1]}'>{''.join(parts)}</svg>"
 
 
