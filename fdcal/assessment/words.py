@@ -25,6 +25,9 @@ def end_word(converged: bool, trusted: bool) -> str:
     return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
 
 
+NOT_STARTED = "Not started"
+
+
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
     """Return what the solver is doing, or how it ended, in the words of `end_word`.
 
@@ -34,7 +37,7 @@ def state_word(state: RunState, running: bool, error: str = "", verdict: str = T
         return f"{'Trying' if running else 'Paused at'} another start; the best so far is kept"
     if error or running:
         return "Stopped by an error" if error else "Running"
-    waiting = "Paused" if state.step else "Not started"
+    waiting = "Paused" if state.step else NOT_STARTED
     return end_word(state.converged, verdict == TRUSTED) if state.finished else waiting
 
 

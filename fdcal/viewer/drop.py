@@ -178,11 +178,13 @@ class Descent:
     @property
     def text(self) -> str:
         """Where the path ends, in words."""
-        edge = "at the edge of the map" if self.path.basin == OUTSIDE else ""
+        edge = "At the edge of the map" if self.path.basin == OUTSIDE else ""
         if self.home is None:
-            return f"{edge or 'rest'}, cost {self.cost_text(-1)}"
+            return f"{edge or 'At rest'}, misfit {self.cost_text(-1)}"
+        if self.home:
+            return f"Reached the true position within {math.ceil(1e3 * self.distance)} mm"
         off = f"{1e3 * self.distance:.0f} mm" if self.distance < 0.0995 else f"{1e2 * self.distance:.0f} cm"
-        return f"reached the true position within {off}" if self.home else f"{edge or 'trapped'}, {off} off"
+        return f"{edge or 'Trapped'}, {off} off"
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +212,7 @@ class Drop:
         self._gesture = -1  # to which the following times belong
         self._released = self._rolls = math.nan  # time at which the microphone was released, and began to roll, s
         self._placed: tuple[SessionView, float] | None = None  # view and time, s, at which the session got the end
+        self._ended: object = None  # the state of the session in which the microphone has come to rest
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
@@ -254,7 +257,8 @@ class Drop:
         if view.count == 1 and self._count > 1:
             self.tries = self.home = 0
             self._say("")
-        elif view.running:
+        elif view.running or (self._ended is not None and view.state is not self._ended):
+            self._ended = None
             self._say("")  # removes the words, but not the counts
         self._count, drag = view.count, self._drag
         if drag is None:
@@ -308,7 +312,7 @@ class Drop:
             return True
         before, since = self._placed
         if self._drag is drag and (view is not before or now - since > PATIENCE):
-            self._drag = None
+            self._drag, self._ended = None, view.state
         return False
 
     def _say(self, words: str, ended: bool = False) -> None:

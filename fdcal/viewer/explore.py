@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from .. import solvers
-from ..assessment.words import band_label, state_error_words, state_word
+from ..assessment.words import NOT_STARTED, band_label, state_error_words, state_word
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, load_scene, scene_names
@@ -155,7 +155,7 @@ class Explore:
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1
         summed, hertz = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes), band_label(measurement, modes)
-        summed += f", {hertz}" if len(modes) == 1 else ""
+        summed = f"no. {summed}, {hertz}" if len(modes) == 1 else summed
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
@@ -203,6 +203,7 @@ class Explore:
         error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
         verdict = [] if viewer.found is None else [viewer.found.verdict]
         word = state_word(view.state, view.running, view.error, *verdict)
+        word = "Start of a new run" if word == NOT_STARTED else word
         return escape((": " if ";" in word else ", ").join(filter(None, (word, error))))
 
     def _sheet(self, viewer: Viewer) -> str:

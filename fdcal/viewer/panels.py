@@ -209,7 +209,7 @@ class RunBar(Tab):
 
 MAX_SEED = 2**31 - 1
 STARTS = ("affine", "random")
-KEPT_BY_METHOD = ("microphone", "follow", "kind")  # choices that a change of the method keeps
+KEPT_BY_METHOD = ("microphone", "follow", "kind", "descending")  # choices that a change of the method keeps
 
 
 def default_start(solver: str) -> str:
