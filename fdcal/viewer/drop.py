@@ -257,7 +257,7 @@ class Drop:
         if view.count == 1 and self._count > 1:
             self.tries = self.home = 0
             self._say("")
-        elif view.running or (self._ended is not None and view.state is not self._ended):
+        elif view.running or (self._drag is None and self._ended is not None and view.state is not self._ended):
             self._ended = None
             self._say("")  # removes the words, but not the counts
         self._count, drag = view.count, self._drag
@@ -277,7 +277,7 @@ class Drop:
             final = latest is not None and latest.request[0] is drag
             return self._rolling(view, drag, descent if final else None, now)
         text = "" if descent is None else descent.cost_text(0)
-        self._say(text)
+        self._say(f"Misfit {text}" if text else "")
         return MovingMicrophone(drag.microphone, drag.place, text, None if descent is None else descent.path.points)
 
     def _rolling(self, view: SessionView, drag: Drag, descent: Descent | None, now: float) -> MovingMicrophone:
@@ -293,7 +293,7 @@ class Drop:
         end = np.append(descent.path.points[-1], height)
         if fraction < 1:
             place = along(descent.path.points, fraction)
-            self._say(descent.cost_text(int(np.linalg.norm(descent.path.points - place, axis=1).argmin())))
+            self._say("Misfit " + descent.cost_text(int(np.linalg.norm(descent.path.points - place, axis=1).argmin())))
             return MovingMicrophone(drag.microphone, (*place.tolist(), *height), "", descent.path.points)
         if self._rest(view, drag, end, now):
             if descent.home is not None:

@@ -1,5 +1,7 @@
 """What a viewer of a replay does without Python: a dragged microphone rolls into its hole, and solvers take steps."""
 
+import math
+
 import numpy as np
 import pytest
 from browsing import WAIT
@@ -97,7 +99,11 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
     home = np.linalg.norm(end - below) < 0.01  # in the hole in which the true position lies
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
-    assert words == (f"reached the true position within {off}" if home else f"trapped, {off} off")
+    assert words == (
+        f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
+        if home
+        else f"Trapped, {off} off"
+    )
     assert tries == f"{int(home)} of 1 drop reached the true position"
 
 
@@ -120,7 +126,7 @@ def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
     page.mouse.up()
     wait_for(page, "replay.own.words.endsWith('off')")
     _, off = place_and_distance(page, run[1].positions[MICROPHONE])
-    assert page.evaluate("replay.own.words") == f"at the edge of the map, {off} off"
+    assert page.evaluate("replay.own.words") == f"At the edge of the map, {off} off"
     assert page.evaluate("replay.own.homes") == homes
 
 

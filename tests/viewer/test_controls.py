@@ -309,7 +309,7 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
 def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny_page):
     page, turn_until = tiny_page
     bar, tabs = page.panels.overlay._regions["bar"], page.viewer.tabs
-    turn_until(lambda: "Not started, " in bar.content)
+    turn_until(lambda: "Start of a new run, " in bar.content)
     assert bar.content.count(f"title='{NEW_RUN}'") == 1
     tabs.solver.name.options = ("robust",)
     turn_until(lambda: "One at a time (not for this array)" in bar.content)

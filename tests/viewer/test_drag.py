@@ -1,6 +1,7 @@
 """Microphones that are picked, dragged and let go, and the frame in which the page draws them."""
 
 import itertools
+import math
 import time
 from dataclasses import replace
 from types import SimpleNamespace
@@ -187,13 +188,15 @@ def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_name
         np.testing.assert_allclose(end, minima[number], atol=1e-9)
         off = np.linalg.norm(end - truth)
         text = f"{1e3 * off:.0f} mm" if off < 0.0995 else f"{1e2 * off:.0f} cm"
-        text = f"reached the true position within {text}" if at_home else f"trapped, {text} off"
+        within = f"Reached the true position within {math.ceil(1e3 * off)} mm"
+        text = within if at_home else f"Trapped, {text} off"
         assert text in said(page) and f"{tries - 1} of {tries} drop" in said(page)
         assert "Continue from here" in said(page)
         turn_until(lambda: not any(part.name == "ball/path" for part in viewer.snapshot.picture.lines))
     session.seek(0)
     turn_until(lambda: viewer.snapshot.view.index == 0)
     np.testing.assert_array_equal(session.view.state.positions, before.state.positions)
+    turn_until(lambda: "Continue from here" not in said(page) and "position within" not in said(page))
     page.panels.overlay.receive(None, "stamp continue")
     turn_until(lambda: session.view.running)
     session.pause()
@@ -209,7 +212,7 @@ def test_at_the_edge_of_the_map_there_is_no_minimum_to_be_trapped_in(opened):
     viewer.drop.move(9, search.origin + search.step * index, 1, True)
     turn_until(lambda: viewer.drop.tries == 1)
     off = 1e2 * np.linalg.norm(viewer.drop.worker.latest.result.path.points[-1] - viewer.run.measurement.positions[9])
-    assert f"at the edge of the map, {off:.0f} cm off" in said(page) and viewer.drop.home == 0 and off > 10
+    assert f"At the edge of the map, {off:.0f} cm off" in said(page) and viewer.drop.home == 0 and off > 10
 
 
 def test_with_shift_or_without_a_map_a_microphone_stays_where_the_pointer_puts_it(opened):

@@ -142,7 +142,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     disc = f"const [x, y] = ({DISC})({opening.MICROPHONE})"
     below = f"place => {{ {disc}; return Math.hypot(x - place.x, y - place.y) < 12; }}"
     page.wait_for_function(below, arg={axis: at[axis] - 0.5 * REACH for axis in "xy"})
-    page.locator("[data-region=words]").get_by_text(re.compile(r"^-[\d.]+ dB$")).wait_for()
+    page.locator("[data-region=words]").get_by_text(re.compile(r"^Misfit -[\d.]+ dB$")).wait_for()
     finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     page.get_by_text(re.compile(r"^[01] of 1 drop reached the true position$")).wait_for()
     invitation.wait_for(state="hidden")

@@ -58,8 +58,8 @@ function landed(n, over) {
   const away = sure ? Math.hypot(...own.places[n].map((v, axis) => v - truthOf(n)[axis])) : NaN;
   if (sure) { own.tries++; own.homes += home; }
   const off = away < 0.0995 ? `${(1e3 * away).toFixed(0)} mm` : `${(100 * away).toFixed(0)} cm`;
-  const where = !hole ? "at the edge of the map" : sure ? "trapped" : "at rest";
-  own.words = home ? `reached the true position within ${off}` : `${where}, ${sure ? `${off} off` : `${level(over, [x, y]).toFixed(1)} dB`}`;
+  const where = !hole ? "At the edge of the map" : sure ? "Trapped" : "At rest";
+  own.words = home ? `Reached the true position within ${Math.ceil(1e3 * away)} mm` : `${where}, ${sure ? `${off} off` : `${level(over, [x, y]).toFixed(1)} dB`}`;
   show();
 }
 

@@ -30,7 +30,7 @@ def test_a_microphone_that_is_let_go_rolls_into_its_minimum_and_the_page_says_wh
     page.get_by_text(re.compile(r"^-[\d.]+ dB$")).first.wait_for()
     page.mouse.up()
     page.get_by_text(
-        re.compile(r"^(reached the true position within|trapped,|at the edge of the map,) [\d.]+ [cm]m")
+        re.compile(r"^(Reached the true position within|Trapped,|At the edge of the map,) [\d.]+ [cm]m")
     ).first.wait_for()
     page.get_by_text(re.compile(r"^[01] of 1 drop reached the true position$")).wait_for()
     page.get_by_role("button", name="Continue from here").press("Enter")  # a notice of the browser may lie above it

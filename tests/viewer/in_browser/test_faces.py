@@ -241,7 +241,7 @@ def test_everything_in_explore_works(page, monkeypatch):
     page.locator("[data-do=alone][aria-pressed=true]").wait_for()
     page.locator("[data-do=modes]").press("PageUp")
     page.wait_for_function("/modes=([2-9]|\\d\\d)&/.test(location.hash)")  # another one alone
-    mode = page.locator("[data-do=modes] + output").inner_text().partition(",")[0]
+    mode = page.locator("[data-do=modes] + output").inner_text().partition(",")[0].removeprefix("no. ")
     alone.click()
     page.locator("[data-do=modes] + output", has_text=f"1 to {mode}").wait_for()
     page.wait_for_function(f"location.hash.includes('modes=1-{mode}&')")
@@ -265,7 +265,7 @@ def test_everything_in_explore_works(page, monkeypatch):
     page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")  # cost along the run
     page.locator("[data-do='step=Step']:disabled").wait_for()
     page.locator("[data-do=state]").press("Home")
-    page.get_by_text(re.compile("Not started, .* off on average")).wait_for()
+    page.get_by_text(re.compile("Start of a new run, .* off on average")).wait_for()
     page.locator("[data-do='step=Step']").click()
     page.locator("[data-do=state][max='1'][value='1']").wait_for()
     press(page, "All together")
