@@ -62,7 +62,7 @@ def test_what_is_nominal_is_not_called_true_nor_its_distance_an_error(array):
     view, measurement = array.session.view, array.measurement
     text = html.status(view, measurement)
     assert "Deviation" in text and "from nominal, after alignment" in text and "Error" not in text
-    assert "1143 rows of 4 takes, 82 to 1224 Hz" in text and "all modes" not in text
+    assert "800 rows of 4 takes, 82 to 1224 Hz" in text and "all modes" not in text
     picture = with_estimate(static_picture(None, measurement), measurement, view.state.positions)
     assert {"nominal", "deviation"} <= {entry.text for entry in legend_of(picture)}
     assert "nominal_x_m" in position_table(measurement, view.state.positions).splitlines()[0]
