@@ -155,7 +155,7 @@ class Explore:
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1
         summed, hertz = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes), band_label(measurement, modes)
-        summed = f"no. {summed}, {hertz}" if len(modes) == 1 else summed
+        summed = f"no. {summed}, {measurement.frequencies[modes[0] - 1]:.0f} Hz" if len(modes) == 1 else summed
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
         add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""

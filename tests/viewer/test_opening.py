@@ -109,7 +109,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     legend.get_by_text("low and dark").wait_for()
     legend.get_by_text("this microphone").first.wait_for()
     slider, summed = page.locator("[data-do=modes]"), page.locator("[data-do=modes] + output")
-    summed.get_by_text("92, 376.1 Hz").wait_for()
+    summed.get_by_text("no. 92, 376 Hz").wait_for()
     assert page.locator("[data-do=microphone]").is_visible()
     slider.press("ArrowRight")
     summed.get_by_text("91 to 92").wait_for()  # in the order of the film
