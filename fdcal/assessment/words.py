@@ -26,6 +26,7 @@ def end_word(converged: bool, trusted: bool) -> str:
 
 
 NOT_STARTED = "Not started"
+SMALLEST = 1e-5  # m, error below which only this limit is given
 
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
@@ -231,7 +232,9 @@ def state_error_words(measurement: Measurement, errors: np.ndarray | None, fault
     """
     if errors is None:
         return ""
-    text = f"{length_text(float(errors.mean()))} {'from nominal' if measurement.nominal else 'off'}"
+    mean = float(errors.mean())
+    size = f"less than {length_text(SMALLEST)}" if 0 < mean < SMALLEST else length_text(mean)
+    text = f"{size} {'from nominal' if measurement.nominal else 'off'}"
     text += "" if len(errors) == 1 else " on average"
     return text + (f" without {counted(faulty, 'faulty channel')}" if faulty else "")
 
