@@ -220,9 +220,10 @@ class Preparation:
         settings, reference_cost = solvers.with_mode_count(problem, scene.solver), reference_cost_of(problem)
         cost = None if reference_cost is None else reference_cost.of
         session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
-        try:  # a step and a map make what later ones use, so that the first click is answered at once
+        try:  # a map, and a step on the lattice, make what later ones use, so that the first click is answered at once
             state = session.view.history[0]
-            solver.step(problem, state)
+            if solver.TRAITS.needs_search or opening.states:  # a step also shows that the solver can continue
+                solver.step(problem, state)
             if problem.search is not None:
                 solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
         except BaseException as error:
