@@ -284,7 +284,8 @@ def test_a_result_is_placed_in_its_frame():
 def test_an_export_keeps_what_exists_and_refuses_other_suffixes_and_frames(tmp_path):
     result().export(tmp_path / "p.csv")
     for name, frame, words in (
-        ("p.csv", None, "exists"), ("p.doc", None, "suffix"), ("p", None, "suffix"), ("q.csv", "upside down", "frame"),
+        ("p.csv", None, "exists"), ("p.doc", None, "no file"), ("p", None, "no file"),
+        ("q.csv", "upside down", "frame"),
     ):  # fmt: skip
         refuses(words, result().export, tmp_path / name, frame=frame)
 
