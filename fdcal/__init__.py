@@ -8,8 +8,8 @@ The names of the public API are loaded when they are first used (PEP 562), so th
 Examples
 --------
 >>> import fdcal
->>> fdcal.InputError("the measurement has no search domain", "give <search>").remedy
-'give <search>'
+>>> fdcal.InputError("microphones 0 and 1 coincide", "name others: <distance>").remedy
+'name others: <distance>'
 """
 
 import importlib

@@ -205,7 +205,7 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
 
     `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
     """
-    from ..cost.eq7 import ORDER_OFFSET, expansion_of
+    from ..cost.eq7 import ORDER_OFFSET, expansion_of, search_domain
     from ..cost.maps import cost_volume
     from ..graphics.volume import sampled_volume
 
@@ -213,7 +213,8 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
     used = carried[carried <= modes].tolist()
     if not used:
-        raise InputError("the microphones are too few for any mode", "use a smaller <radius>", key="radius")
+        fault = f"the microphones are too few for any mode with search.radius = {search_domain(problem).radius:g} m"
+        raise InputError(fault, "give the scene or the file a smaller one", key="search.radius")
     terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
     sampled = None if terms is None else sampled_volume(terms)
     assert sampled is not None  # only a volume that can be cancelled may be incomplete

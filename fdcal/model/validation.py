@@ -76,20 +76,20 @@ class InputError(ValueError):
     problem : str
         What is wrong, with the key and its value: "modes = 200 is more than the 57 that were measured".
     remedy : str, optional
-        What to do. The name of an argument stands in angle brackets: "give <search> and <radius>". The Python API
+        What to do. The name of an argument stands in angle brackets: "leave out <distance>". The Python API
         shows the name itself; the command line and the page put the name of their own option or control in its place.
     key : str, optional
         The argument, or the key of a file, that is wrong.
 
     Examples
     --------
-    >>> error = InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    >>> error = InputError("microphones 0 and 1 coincide", "name others: <distance>", key="distance")
     >>> str(error)
-    'the measurement has no search domain; give search and radius'
-    >>> error.worded({"search": "--search ORIGIN,SIZE,STEP", "radius": "--radius R"})
-    'the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R'
+    'microphones 0 and 1 coincide; name others: distance'
+    >>> error.worded({"distance": "--distance I,J,METRES"})
+    'microphones 0 and 1 coincide; name others: --distance I,J,METRES'
     >>> str(error.within("room.npz"))
-    'room.npz: the measurement has no search domain; give search and radius'
+    'room.npz: microphones 0 and 1 coincide; name others: distance'
     """
 
     def __init__(self, problem: str, remedy: str = "", *, key: str = ""):

@@ -43,17 +43,7 @@ TRAITS = Traits(
     starts=("random", "affine"),
     draws_order=True,
     settings=frozenset(
-        {
-            "modes",
-            "first_modes",
-            "mode_order",
-            "order_offset",
-            "ample_modes",
-            "known_weight",
-            "max_sweeps",
-            "start",
-            "known",
-        }
+        "modes first_modes mode_order order_offset ample_modes known_weight max_sweeps start known".split()
     ),
 )
 
