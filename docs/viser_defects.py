@@ -1,6 +1,6 @@
 """Two defects of viser 1.1.1, shown with viser alone: `python docs/viser_defects.py`.
 
-`fdcal/viewer/server/viser_defects.py` works round both. Without a defect each line ends with "as it should be".
+`fdcal/viewer/server/hardening.py` works round both. Without a defect each line ends with "as it should be".
 """
 
 import asyncio

@@ -1,4 +1,6 @@
-"""A picture drawn off-screen by pyvista, to a PNG file or bytes.
+"""A picture drawn off-screen by pyvista, to a PNG file or bytes, with title, labels, legend and colour bar.
+
+The legend has exactly the marks that are drawn. Page and PNG use the same entries in the same order.
 
 A child process draws, so that a crash of the GL library does not end the caller and VTK does not use its memory. Only
 the main thread of the child uses GL.
@@ -8,18 +10,21 @@ import io
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from ..model.libraries import ProcessError, call
 from ..model.validation import InputError, StorageError, require_choice
-from .annotations import annotate, margins, text_scale
-from .camera import VIEWS, Camera, camera_for
+from .camera import VIEWS, Camera, camera_for, project
 from .heatmap import relief_grid
+from .marks import MARKS, Mark, symbol
 from .picture import HEIGHT_TICKS
-from .primitives import Floor, Picture, fractions
+from .primitives import ColourBar, Floor, Label, Picture, by_rank, fractions
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
@@ -68,7 +73,6 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     """Return the bytes of the PNG, drawn on the main thread of this process, which a wrong GL library may crash."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
-    from PIL import Image
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
     if picture.surfaces:  # VTK sorts no translucent surfaces with the other kind of anti-aliasing
@@ -118,3 +122,140 @@ def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
         surface = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=step, origin=corner)
         surface.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
     plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False)
+
+
+def legend_of(picture: Picture) -> tuple[Mark, ...]:
+    """Return the marks of a legend: those that can be seen, in the order of MARKS."""
+    seen = {part.name for part in picture.lines if len(part.segments)}
+    seen |= {part.name for part in picture.meshes if len(part.faces)}
+    seen |= {"isosurfaces"} if picture.surfaces else set()
+    captions, circle = dict(picture.captions), MARKS["microphones/true"]
+    # a known microphone has its square in the circle
+    changes = {"microphones/known": {"size": 0.29, "below": circle}} if circle.name in seen else {}
+    return tuple(
+        replace(mark, text=captions.get(name, mark.text), **changes.get(name, {}))
+        for name, mark in MARKS.items()
+        if name in seen and mark.text
+    )
+
+
+SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
+
+
+def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
+    """Return the width of an entry and of the space to the next one, pixels."""
+    return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
+
+
+ANCHORS = {  # of a label, to Pillow's
+    f"{one}-{other}": across + up
+    for one, up in (("top", "a"), ("center", "m"), ("bottom", "d"))
+    for other, across in (("left", "l"), ("center", "m"), ("right", "r"))
+}
+SMALLEST_FONT = 6  # pixels
+LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
+
+
+def text_scale(size: tuple[int, int]) -> float:
+    """Return the pixels of one point of text: 1 in an image 800 pixels high, which has a 16-pixel font."""
+    return min(size[0] / 1000, size[1] / 800)
+
+
+def font(points: float) -> ImageFont.FreeTypeFont:
+    """Return the font of all texts in a size in pixels."""
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(points, SMALLEST_FONT))
+
+
+def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Return the margins for rulers, legend, colour bar and title, pixels: left, bottom, right, top."""
+    scale, right = text_scale(size), 40 if picture.bar is None else 160
+    return 90 * scale, (62 + ROW * len(_legend_rows(picture, size))) * scale, right * scale, 104 * scale
+
+
+def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[Mark]]:
+    """Return the entries of the legend in rows that fit into an image."""
+    scale = text_scale(size)
+    letters, rows, used = font(16 * scale), list[list[Mark]](), 0.0
+    for entry in legend_of(picture):
+        length = entry_width(entry, letters)
+        if not rows or used + length > size[0] - 2 * LEGEND_EDGE * scale:
+            rows.append([])
+            used = 0.0
+        rows[-1].append(entry)
+        used += length
+    return rows
+
+
+def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
+    """Return a copy of an image (H, W, 3), made with `camera`, with all texts, the legend and the colour bar."""
+    image = Image.fromarray(pixels)
+    size, scale = image.size, text_scale(image.size)
+    draw = ImageDraw.Draw(image)
+    letters = font(16 * scale)
+    for label, place in uncovered(draw, picture, camera, letters):
+        colours = picture.theme.foreground, picture.theme.background
+        _write(draw, place, label.text, letters, ANCHORS[label.anchor], *colours, scale)
+    if picture.title:  # on a rectangle of the background's colour, in the upper left corner
+        place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
+        end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
+        large = font(points * min(1.0, (size[0] - 2 * place[0]) / (end - place[0])))
+        left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=large)
+        draw.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=picture.theme.background)
+        draw.multiline_text(place, picture.title, font=large, fill=picture.theme.foreground)
+    rows, edge = _legend_rows(picture, size), round(SYMBOL * scale)
+    first = size[1] - len(rows) * ROW * scale - LEGEND_EDGE / 4 * scale
+    for i, row in enumerate(rows):
+        x, middle = LEGEND_EDGE * scale, first + (i + 0.5) * ROW * scale
+        for entry in row:
+            stamp = symbol(entry, edge)
+            image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
+            draw.text((x + 1.35 * edge, middle), entry.text, fill=picture.theme.foreground, font=letters, anchor="lm")
+            x += entry_width(entry, letters)
+    if picture.bar is not None:
+        _draw_bar(draw, picture, picture.bar, camera, letters)
+    return np.asarray(image)
+
+
+def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Label, tuple[float, float]]]:
+    """Return the texts of a scene and their pixels, without those that overlap one of higher priority."""
+    labels, taken, seen = by_rank(picture.labels), [], []
+    points = np.array([label.position for label in labels]).reshape(-1, 3)
+    places = project(camera, draw.im.size, points, [label.lift for label in labels]).tolist()
+    heights = [y for label, (_, y) in zip(labels, places, strict=True) if label.name.startswith("frame/z")]
+    upright = bool(heights) and max(heights) - min(heights) > 4 * letters.size
+    for label, (x, y) in zip(labels, places, strict=True):
+        if label.name.startswith("frame/z" if not upright else "frame/range"):
+            continue
+        a, b, c, d = draw.textbbox((x, y), label.text, font=letters, anchor=ANCHORS[label.anchor])
+        if all(a > right or c < left or b > bottom or d < top for left, top, right, bottom in taken):
+            taken.append((a, b, c, d))
+            seen.append((label, (x, y)))
+    return seen
+
+
+def _write(draw, place: tuple[float, float], text: str, letters, anchor: str, colour, outline, scale: float) -> None:
+    """Draw an outlined text at a pixel."""
+    width = max(round(2.5 * scale), 1)
+    draw.text(place, text, fill=colour, font=letters, anchor=anchor, stroke_width=width, stroke_fill=outline)
+
+
+def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -> None:
+    """Draw the colour bar with its ticks, and its label above: beside the map, or in 3-D at the image's edge."""
+    scale, size, theme = letters.size / 16, draw.im.size, picture.theme
+    left, top, bottom = size[0] - 126 * scale, 0.24 * size[1], 0.86 * size[1]
+    if not camera.fov:
+        corners = [(*picture.focus[:2], picture.z_range[0]), (*picture.focus[2:], picture.z_range[0])]
+        (_, bottom), (edge, highest) = project(camera, size, corners)
+        left, top = min(edge + 46 * scale, left), highest + 46 * scale
+    right, rows, stroke = left + 22 * scale, np.arange(round(top), round(bottom)), max(round(scale), 1)
+    colours = matplotlib.colormaps[bar.colour_map]((bottom - rows) / (bottom - top), bytes=True)[:, :3]
+    for row, colour in zip(rows, colours, strict=True):
+        draw.line([(left, row), (right, row)], fill=tuple(map(int, colour)))
+    draw.rectangle([left, top, right, bottom], outline=theme.foreground, width=stroke)
+    for fraction, text in bar.ticks:
+        row = bottom + fraction * (top - bottom)
+        draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
+        _write(draw, (right + 10 * scale, row), text, letters, "lm", theme.foreground, theme.background, scale)
+    label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" the layer z", "\nthe layer\nz")
+    draw.multiline_text((left - scale, top - 8 * scale), label, theme.foreground, font(14 * scale), anchor="ld")

@@ -26,10 +26,10 @@ from ..graphics.volume import PIXELS, POINTS, SampledVolume, Volume, layer_floor
 from ..model.address import Map
 from ..model.settings import Search
 from ..model.validation import InputError, Reals
+from ..session.worker import Memo, Scheduler
 from ..solvers.interface import RunState
 from .html import error_message
 from .prepare import PreparedRun
-from .scheduler import Memo, Scheduler
 
 # Kinds of map: colours; colours and heights; the sound field of the last mode; isosurfaces; none.
 MAP_KINDS = get_args(Map)

@@ -33,9 +33,9 @@ from ..graphics.picture import along, ball_centre
 from ..graphics.primitives import Floor, Picture
 from ..model.validation import Reals
 from ..session.session import SessionView
+from ..session.worker import Memo
 from .cost_maps import CostMap
 from .html import Overlay
-from .scheduler import Memo
 from .state import Binding
 
 HANDLE_RADIUS = 1.7  # in radii of a marker

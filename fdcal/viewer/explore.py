@@ -3,30 +3,171 @@
 A browser opens with it; "Expert" shows the panels instead. Each browser chooses its face (`server/page.js`), so that a
 lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
 the panels (`Binding.commands`). A mode of Expert is called a frequency here.
+
+Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for
+uploads, and are kept in a private temporary folder until the server ends. The page accepts files only if no other
+machine can reach it.
 """
 
+import re
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import lru_cache
 from html import escape
-from typing import Any
+from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 import viser
+from viser import _messages
 
 from .. import solvers
 from ..assessment.words import NOT_STARTED, band_label, state_error_words, state_word
+from ..graphics.replay import filled
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, StorageError, evenly_spaced, modes_text, require_choice
+from ..recordings.recording import ImportOptions, number_in
+from ..session import session_file, sources
 from ..session.session import SessionView
-from ..session.sources import OpenRequest, scene_request
-from .html import error_message
-from .own_files import OwnFiles
+from ..session.worker import LatestWorker
+from . import html
+from .server import content
 from .session_view import Viewer
 from .state import PICTURE, VIEWS, Binding
 from .tabs.lessons import LessonsTab
 from .tabs.view import KINDS
+
+MAX_BYTES = 500_000_000  # of all files that a page accepts
+MAX_FILES, MAX_NAME = 1000, 100  # of one request, and characters of a name
+NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
+RECORDING, LIST = "recording", "positions"  # purpose of a file, as the fields of the form are called
+SOURCES = "auto", "impulse", "stationary"
+FORM = Path(__file__).with_name("own_files.html")
+
+
+@dataclass
+class Delivered:
+    """The files of one browser, with their purposes; `uploaded` shows it the number of bytes that have arrived."""
+
+    folder: Path
+    uploaded: viser.GuiHtmlHandle
+    files: list[tuple[str, Path]] = field(default_factory=list)
+    open: BinaryIO | None = None
+    count: int = 0  # bytes
+
+
+class OwnFiles:
+    """Owns the folder and the thread that reads its files; `show` shows a session, `wake` updates the page."""
+
+    def __init__(
+        self, server: viser.ViserServer, show: Callable[[sources.OpenRequest], None], wake: Callable[[], None]
+    ):
+        self._server, self._show, self._delivered, self._bytes = server, show, dict[int, Delivered](), 0
+        self._wake, self._folder = wake, tempfile.TemporaryDirectory(prefix="fdcal-", ignore_cleanup_errors=True)
+        self.worker, self._complaint = LatestWorker(self._open, "fdcal-open", notify=wake), ""
+        self._closed = False
+        server._websock_server.register_handler(_messages.FileTransferStartUpload, self._begin)
+        server._websock_server.register_handler(_messages.FileTransferPart, self._take)
+
+    def close(self) -> None:
+        """End the thread, and delete the files."""
+        self.worker.close(0.5)
+        self._closed = True
+        for client in list(self._delivered):
+            self.forget(client)
+        for _ in range(3):  # a file may be added to the folder while it is deleted
+            self._folder.cleanup()
+
+    def forget(self, client: int) -> None:
+        """Forget the files of a browser that were not opened."""
+        if (delivered := self._delivered.pop(client, None)) is not None and delivered.open is not None:
+            delivered.open.close()
+
+    def _begin(self, client: int, message: Any) -> None:
+        """Begin the next file with its name and size, on viser's event loop."""
+        handle, delivered = self._server.get_clients().get(client), self._delivered.get(client)
+        if self._closed or handle is None or message.source_component_uuid not in (RECORDING, LIST):
+            return
+        if delivered is None:
+            uploaded = handle.gui.add_html(content("upload"), visible=False)
+            delivered = self._delivered[client] = Delivered(Path(tempfile.mkdtemp(dir=self._folder.name)), uploaded)
+        if self._bytes + message.size_bytes > MAX_BYTES or len(delivered.files) == MAX_FILES:
+            self._refuse(client, delivered)
+            return
+        if delivered.open is not None:
+            delivered.open.close()
+        name = re.sub(r"[^\w .()+-]", "_", re.split(r"[/\\]", message.filename)[-1])[-MAX_NAME:].lstrip(". ") or "file"
+        place = delivered.folder / message.source_component_uuid
+        place.mkdir(exist_ok=True)
+        delivered.files.append((message.source_component_uuid, place / name))
+        delivered.open = (place / name).open("wb")
+
+    def _take(self, client: int, message: Any) -> None:
+        """Write a part of the last file that was begun, on viser's event loop."""
+        delivered, size = self._delivered.get(client), len(message.content)
+        if delivered is None or delivered.open is None:
+            return
+        if self._bytes + size > MAX_BYTES:  # more than the size in its first message
+            self._refuse(client, delivered)
+            return
+        delivered.open.write(message.content)
+        delivered.count += size
+        self._bytes += size
+        delivered.uploaded.content = content("upload", str(delivered.count))
+
+    def _refuse(self, client: int, delivered: Delivered) -> None:
+        self.forget(client)
+        self._complaint, delivered.uploaded.content = NO_ROOM, content("upload", "refused")
+        self._wake()
+
+    def open(self, client: viser.ClientHandle, value: str) -> None:
+        """Open the files of a browser; `value`: kind and temperature, degrees Celsius, such as "auto 20"."""
+        delivered = self._delivered.get(client.client_id)
+        if delivered is None:
+            return
+        self.forget(client.client_id)
+        kind, _, celsius = value.partition(" ")
+        require_choice("kind", kind, SOURCES)
+        self._complaint = ""
+        self.worker.request(delivered.files, kind, number_in(celsius))
+
+    def html(self) -> str:
+        """Return the form, with the report on the file that was opened last, or why it could not be opened."""
+        latest = self.worker.latest
+        report = f"<pre>{escape(latest.result or '')}</pre>" if latest is not None else ""
+        report += html.complaint(self._complaint or (html.error_message(latest.error) if latest is not None else ""))
+        report = "<p>Reading ...</p>" if self.worker.busy else report
+        report = re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # names as the user knows them
+        parts = {"LIMIT": str(MAX_BYTES), "MEGABYTES": str(MAX_BYTES // 1_000_000), "REPORT": report}
+        return filled(FORM.read_text(encoding="utf-8"), parts)
+
+    def _open(self, files: list[tuple[str, Path]], kind: Any, temperature: float) -> str:
+        """On the thread: show files as a session, and return the report of their import."""
+        from ..recordings.importer import import_recording, import_summary
+
+        paths, lists = ([path for role, path in files if role == wanted] for wanted in (RECORDING, LIST))
+        if not paths:
+            raise InputError("no recording was chosen", "choose a file")
+        first, report, left_out = paths[0], "", ()
+        if first.suffix.lower() == ".zip":
+            self._show(session_file.read(str(first)))
+            return f"{first.name} is shown."
+        if first.suffix.lower() == ".npz" and not sources.is_recording(str(first)):
+            inputs, report = sources.load_input([str(path) for path in paths]), f"{first.name} is shown."
+        else:
+            options = ImportOptions(leave_out="bad", kind=kind, temperature=temperature)
+            measurement, found = import_recording(paths, options)
+            inputs, left_out = sources.measurement_input(measurement, first.stem), tuple(found.left_out)
+            report = import_summary(measurement, found, html.CONTROLS)
+        if lists:
+            inputs = sources.compared_with_file(inputs, str(lists[0]), left_out)
+        self._show(sources.measurement_request(inputs))
+        return report
+
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at its edges
@@ -101,7 +242,7 @@ class Explore:
     def __init__(self, page: Any, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
-        self._own: tuple[OpenRequest, str] | None = None  # request of the last file shown, and drawing of its array
+        self._own: tuple[sources.OpenRequest, str] | None = None  # the last file shown, and its drawing
         overlay.on("scene", self._open)
         overlay.on("opened", lambda client, _: self._open(client, ""))
         if own_files is not None:
@@ -111,7 +252,7 @@ class Explore:
         """Open a scene that comes with fdcal or, for "", the last file that was shown; end a lesson."""
         if name or self._own is None:
             require_choice("scene", name, self._names)
-            request = scene_request(load_scene(name))
+            request = sources.scene_request(load_scene(name))
         else:
             request = self._own[0]
         self._lessons.leave()
@@ -120,7 +261,7 @@ class Explore:
     def show(self) -> None:
         """Update bar and sheet; called by the main loop."""
         viewer, overlay, current = self._page.viewer, self._page.panels.overlay, self._page.switcher.current
-        error = error_message(self._page.switcher.error)
+        error = html.error_message(self._page.switcher.error)
         title, waiting = ("", error) if current is None else (current.request.scene.title, current.text)
         if viewer is None:
             words = f"<b>{escape(title)}</b><small>{escape(waiting)}</small>"

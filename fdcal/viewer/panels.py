@@ -10,18 +10,21 @@ import itertools
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from html import escape
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
 
 from .. import solvers
+from ..graphics.marks import MARKS
+from ..graphics.replay import filled
 from ..model.address import Unit
 from ..model.gauge import fixes_gauge
-from ..model.scene import MeasuredScene, no_rectangle
+from ..model.scene import MEASURED_AND_MODELLED, MeasuredScene, no_rectangle
 from ..session.sources import OpenRequest
 from . import html, tabs
 from .html import Overlay
@@ -58,6 +61,9 @@ class Panels:
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
         panel.expand()  # on a phone, where sections are folded at first
+        with self.tabs["Help"]:
+            gui.add_html(help_html())
+        add_keys(gui, self.overlay)
 
         @self.button.on_click
         async def _(event) -> None:
@@ -78,6 +84,57 @@ class Panels:
             self.line.content = html.complaint(html.error_message(error))
         self.line.visible = busy or error is not None
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
+
+
+# Shortcuts, which do what buttons do. Each is also in the browser's palette of commands, Ctrl+K. viser moves the camera
+# with W, A, S, D, Q, E and the arrows, so none of them is used here. A key does nothing while a text is typed.
+KEYS = {  # by the name of the key: what it does, and the command of a control or of the page
+    "R": ("Play or pause", "play"),
+    "N": ("One step", "step=Step"),
+    "G": ("One sweep", "step=Sweep"),
+    "T": ("One stage", "step=Stage"),
+    "X": ("Restart", "step=Restart"),
+    "B": ("Previous state", "state=-1"),
+    "F": ("Next state", "state=+1"),
+    "M": ("Map of the next microphone", "microphone=+1"),
+    "Shift+M": ("Map of the previous microphone", "microphone=-1"),
+    "O": ("One more mode in the map", "modes=+1"),
+    "I": ("One mode less in the map", "modes=-1"),
+    "P": ("Add modes one by one, or stop", "sweep"),
+    "U": ("Map of the modes in use", "map_modes=solver"),
+    "V": ("Flat map, relief, mode shape, isosurfaces, no map", "kind=+1"),
+    "L": ("Logarithmic or linear scale", "scale=+1"),
+    "Y": ("Trails", "trails"),
+    "K": ("Dark or light page", "dark_page"),
+    "H": ("Lecture mode: large type, panels folded away", "lecture"),
+    "1": ("Plan view", "look=Top"),
+    "2": ("Whole room", "look=Room"),
+    "3": ("3-D view of the array", "look=3-D"),
+    "J": ("Next step of the lesson", "next"),
+    "Shift+J": ("Previous step of the lesson", "back"),
+}
+
+
+def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
+    """Add the shortcuts to every browser that opens the page."""
+
+    async def act(command: str, event) -> None:
+        if event.client is not None:
+            overlay.receive(event.client, f"key {command}")
+
+    for name, (label, command) in KEYS.items():
+        shift, _, key = name.rpartition("+")
+        hotkey: Any = key
+        added = gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None)
+        added.on_trigger(partial(act, command))
+
+
+def help_html() -> str:
+    """Return the contents of the tab Help: keys, mouse, marks, and what the numbers mean."""
+    keys = "".join(f"<tr><th>{name}</th><td>{escape(label)}</td></tr>" for name, (label, _) in KEYS.items())
+    marks = html.legend(mark for mark in MARKS.values() if mark.text)
+    parts = {"KEYS": keys, "MARKS": marks, "ROOMS": MEASURED_AND_MODELLED}
+    return filled(Path(__file__).with_name("help.html").read_text(encoding="utf-8"), parts)
 
 
 MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit

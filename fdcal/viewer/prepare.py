@@ -27,9 +27,8 @@ from ..model.validation import InputError, Reals, StorageError, frozen_array
 from ..session.calibration_run import with_estimated_domain
 from ..session.session import Session, SessionView
 from ..session.sources import OpenRequest, as_given
-from ..session.worker import LatestWorker
+from ..session.worker import LatestWorker, Memo
 from ..solvers.interface import RunState, Solver
-from .scheduler import Memo
 
 COMPILE_TIME = 1.0  # s; a function that takes longer is being compiled, a faster one is read from the disk
 

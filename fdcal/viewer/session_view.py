@@ -17,9 +17,9 @@ from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..assessment.words import count_label
 from ..graphics import picture as overlays
-from ..graphics.annotations import legend_of
 from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.primitives import Picture
+from ..graphics.snapshot import legend_of
 from ..graphics.volume import brightened
 from ..model.settings import search_around
 from ..model.validation import length_text
@@ -27,6 +27,7 @@ from ..session.calibration_run import Assessment, assess_state, healthy_micropho
 from ..session.process import one_blas_thread
 from ..session.session import SessionView
 from ..session.sources import CalibrationInput, OpenRequest
+from ..session.worker import Memo, Scheduler
 from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker
 from .drop import Drop, MicrophonePicker, MovingMicrophone
@@ -34,7 +35,6 @@ from .html import CONTROLS, canvas_legend
 from .panels import Panels, Tabs
 from .prepare import DisplayFrame, PreparedRun
 from .scene3d import SceneNodes
-from .scheduler import Memo, Scheduler
 from .state import Binding, Choices, PageState
 
 

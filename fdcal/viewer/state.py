@@ -29,10 +29,10 @@ from ..session.calibration_run import Assessment
 from ..session.lesson import MAX_ORDER_OFFSET
 from ..session.session import SessionView
 from ..session.sources import OpenRequest
+from ..session.worker import Memo, Scheduler
 from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
 from .html import whole
 from .prepare import DisplayFrame, PreparedRun
-from .scheduler import Memo, Scheduler
 
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera

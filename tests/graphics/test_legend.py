@@ -10,12 +10,11 @@ from PIL import Image
 
 from fdcal.cost.scale import Minima
 from fdcal.graphics import picture as overlays
-from fdcal.graphics.annotations import annotate, legend_of, margins
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import EDGE, MARKS, symbol, symbol_svg
 from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
 from fdcal.graphics.primitives import Curve
-from fdcal.graphics.snapshot import camera_of
+from fdcal.graphics.snapshot import annotate, camera_of, legend_of, margins
 from fdcal.graphics.volume import volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search

@@ -14,7 +14,7 @@ import pytest
 from fields import waves
 from PIL import Image, ImageDraw
 
-from fdcal.graphics import annotations, glyphs
+from fdcal.graphics import glyphs, snapshot
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, KNOWN, TRUE
@@ -231,16 +231,16 @@ def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
     scene = load_scene("ball3d")
     picture = static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
     image, size = ImageDraw.Draw(Image.new("RGB", (900, 700))), (900, 700)
-    letters = annotations.font(14)
+    letters = snapshot.font(14)
     for view, shown in (("top", "frame/range"), ("close", "frame/z")):
-        texts = annotations.uncovered(image, picture, camera_for(picture, size, view, (90, 60, 40, 60)), letters)
+        texts = snapshot.uncovered(image, picture, camera_for(picture, size, view, (90, 60, 40, 60)), letters)
         names = {label.name for label, _ in texts}
         assert shown in names and len({"frame/range", "frame/z"} & names) == 1
         numbers = [float(label.text) for label, _ in texts if label.name[:7] == "frame/z" and label.text[0].isdigit()]
         low, high = picture.z_range
         assert len(numbers) >= 3 * (view == "close") and all(low <= number <= high for number in numbers)
         boxes = np.array(
-            [image.textbbox(at, label.text, letters, annotations.ANCHORS[label.anchor]) for label, at in texts]
+            [image.textbbox(at, label.text, letters, snapshot.ANCHORS[label.anchor]) for label, at in texts]
         )
         apart = (boxes[:, None, :2] > boxes[None, :, 2:]).any(axis=2)
         assert (apart | apart.T | np.eye(len(boxes), dtype=bool)).all()
@@ -304,7 +304,7 @@ def test_the_name_of_a_ball_stands_above_it_from_everywhere(scene, measurement, 
     drawn = with_ball(compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
     camera = camera_for(drawn, size, view)
     ball = project(camera, size, part(drawn, "microphones/ball").vertices)
-    texts = annotations.uncovered(ImageDraw.Draw(Image.new("RGB", size)), drawn, camera, annotations.font(14))
+    texts = snapshot.uncovered(ImageDraw.Draw(Image.new("RGB", size)), drawn, camera, snapshot.font(14))
     (place,) = (at for label, at in texts if label.name == "selected/name")
     assert ball[:, 1].min() - 10 < place[1] < ball[:, 1].min() and abs(place[0] - ball[:, 0].mean()) < 3
 

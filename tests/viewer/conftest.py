@@ -9,11 +9,11 @@ from doubles import Recorder, Solver, State, wait_until
 
 from fdcal.model.measurement import Measurement
 from fdcal.session.sources import OpenRequest
+from fdcal.session.worker import Scheduler
 from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, Tabs
 from fdcal.viewer.scene3d import SceneNodes
-from fdcal.viewer.scheduler import Scheduler
 from fdcal.viewer.server import hardening
 from fdcal.viewer.state import Binding
 

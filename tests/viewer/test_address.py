@@ -5,9 +5,9 @@ from types import SimpleNamespace
 from fdcal.model.address import parse_address
 from fdcal.model.scene import folder_of
 from fdcal.session.lesson import load_lesson
-from fdcal.viewer import address
-from fdcal.viewer.address import address_of, camera_of
+from fdcal.viewer import page as module
 from fdcal.viewer.cost_maps import MAP_KINDS
+from fdcal.viewer.page import address_of, camera_of
 
 CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 
@@ -51,7 +51,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     before = page.viewer.binding.choices
     command(page, f"open={written}")
     assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
-    monkeypatch.setattr(address, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
+    monkeypatch.setattr(module, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
     for modes, kept in (((1, 3), True), (range(1, page.viewer.binding.modes + 1, 2), False)):
         tabs.map.choose_modes(modes)
         written = parse_address(address_of(page.viewer))

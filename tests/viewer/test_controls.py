@@ -17,11 +17,10 @@ from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
 from fdcal.viewer.explore import NEEDED, NEW_RUN
-from fdcal.viewer.panels import Panels, Tabs
+from fdcal.viewer.panels import KEYS, Panels, Tabs, add_keys, help_html
 from fdcal.viewer.state import Binding, PageState
-from fdcal.viewer.tabs import help, map
+from fdcal.viewer.tabs import map
 from fdcal.viewer.tabs import scene as scenetab
-from fdcal.viewer.tabs.help import KEYS, add_keys
 from fdcal.viewer.tabs.map import EQ7, LABELS
 
 
@@ -105,7 +104,7 @@ CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # 
 
 
 def test_no_key_moves_the_camera_and_help_lists_each_and_every_mark():
-    keys, html = {name.rpartition("+")[2] for name in KEYS}, help.text()
+    keys, html = {name.rpartition("+")[2] for name in KEYS}, help_html()
     assert not keys & set(CAMERA_KEYS) and keys <= set(typing.get_args(_messages.HotkeyKey))
     for name, (label, _) in KEYS.items():
         assert f"<th>{name}</th>" in html and label in html

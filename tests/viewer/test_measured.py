@@ -11,8 +11,8 @@ from fdcal import solvers
 from fdcal.assessment.result_file import position_table
 from fdcal.assessment.words import count_label, modes_label, row_label
 from fdcal.commands.options import open_request_of
-from fdcal.graphics.annotations import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
+from fdcal.graphics.snapshot import legend_of
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.scene import load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings

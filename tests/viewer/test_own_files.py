@@ -17,9 +17,9 @@ from fdcal.model.measurement import save_measurement
 from fdcal.recordings.importer import import_recording
 from fdcal.session import session_file
 from fdcal.session.sources import measurement_input, measurement_request
-from fdcal.viewer import own_files as module
+from fdcal.viewer import explore as module
+from fdcal.viewer.explore import LIST, RECORDING, OwnFiles
 from fdcal.viewer.html import Overlay
-from fdcal.viewer.own_files import LIST, RECORDING, OwnFiles
 
 COUNT, PART = 16, 65_536
 

@@ -35,8 +35,7 @@ from fdcal.model.validation import InputError
 from fdcal.viewer import app
 from fdcal.viewer.server import client_values, hardening
 from fdcal.viewer.server import process as error_log
-from fdcal.viewer.server.hardening import allowed_origins, own_page_only
-from fdcal.viewer.server.viser_defects import SafeMessageBuffer, encoded
+from fdcal.viewer.server.hardening import SafeMessageBuffer, allowed_origins, encoded, own_page_only
 
 
 def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():

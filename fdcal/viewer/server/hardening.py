@@ -9,6 +9,8 @@ GuardedConnection   passes on only messages that `client_values` accepts, at a b
                     that does not read
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 open_server         the server
+LoopEvent           a message that another thread pushes always reaches the browser
+encoded             an image is compressed quickly, not as small as possible
 """
 
 import asyncio
@@ -25,20 +27,23 @@ import socket
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Literal, NoReturn
 
+import numpy as np
 import viser
 import websockets
 import websockets.asyncio.server
 import websockets.exceptions
-from viser import _messages
+from PIL import Image
+from viser import _messages, _scene_api
+from viser.infra import _infra
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Response
 
 from ...model.validation import InputError
 from .client_values import COSTS, DRAG_START_COST, decoded_message, fits, is_acceptable, is_plain
 from .process import printable
-from .viser_defects import mend
 
 log = logging.getLogger(__name__)
 
@@ -262,7 +267,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         module.serve = serve
     for message in [*server._websock_server._incoming_handlers]:
         name = message.__name__
-        if name not in COSTS or name.startswith("FileTransfer"):  # `own_files` takes uploads itself
+        if name not in COSTS or name.startswith("FileTransfer"):  # `explore` takes uploads itself
             server._websock_server.unregister_handler(message)
     _drop_bad_updates(server)
     return server
@@ -304,3 +309,54 @@ def _drop_bad_updates(server: viser.ViserServer) -> None:
 
     given = handlers[_messages.GuiUpdateMessage]
     handlers[_messages.GuiUpdateMessage] = [functools.partial(handle, handler) for handler in given]
+
+
+# Workarounds for defects of viser 1.1.1; `docs/viser_defects.py` shows them with viser alone.
+
+
+class LoopEvent(asyncio.Event):
+    """An event that only its own event loop sets; viser sets it there, too, after every message.
+
+    `wait` finds an event unset, and then queues its future. If another thread sets the event between the two, `wait`
+    never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop):
+        super().__init__()
+        self._own = loop
+
+    def set(self) -> None:
+        """Set the event if the caller runs on its event loop, else do nothing."""
+        with contextlib.suppress(RuntimeError):  # no event loop runs on this thread
+            if asyncio.get_running_loop() is self._own:
+                super().set()
+
+
+class SafeMessageBuffer(AsyncMessageBuffer):
+    """A buffer whose messages all reach the browsers, whichever thread pushes them."""
+
+    def __init__(self, *arguments, **options):
+        super().__init__(*arguments, **options)
+        self.message_event = LoopEvent(self.event_loop)
+
+
+LEVEL = 1  # of compression, 0 to 9
+QUALITY = 75  # of a JPEG image unless given
+
+
+def encoded(
+    format: Literal["png", "jpeg"], image: np.ndarray, jpeg_quality: int | None, channel_ordering: Literal["rgb", "bgr"]
+) -> bytes:
+    """Return an image (h, w, 3) or (h, w, 4) uint8 as a file; the parameters are those of viser's function."""
+    if channel_ordering == "bgr":
+        image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
+    file, options = io.BytesIO(), {"compress_level": LEVEL} if format == "png" else {"quality": jpeg_quality or QUALITY}
+    Image.fromarray(np.ascontiguousarray(image)).save(file, format, **options)
+    return file.getvalue()
+
+
+def mend() -> None:
+    """Replace viser's buffer and encoder by ours, for servers and clients created from now on."""
+    servers: Any = _infra
+    images: Any = _scene_api
+    servers.AsyncMessageBuffer, images.cv2_imencode_with_fallback = SafeMessageBuffer, encoded

@@ -19,10 +19,10 @@ from ...model.address import SOLVER
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ...model.validation import InputError, modes_text, parse_modes
+from ...session.worker import Memo
 from .. import cost_maps, html
 from ..cost_maps import CostMap, CostMapRequest, MapStyle, carried_modes, cost_map, map_modes
 from ..prepare import PreparedRun
-from ..scheduler import Memo
 from ..state import MAX_ORDER_OFFSET, Binding, Choices, PageState, Tab, has_volume
 from .curves import BLUE, ORANGE, RED, Plot, dots
 

@@ -11,8 +11,8 @@ from ...assessment.calibration import Channels
 from ...graphics.lesson_panels import FAULTY, STYLE, channel_table, lesson_panel, named, table
 from ...model.measurement import Measurement
 from ...model.validation import mm_text
+from ...session.worker import Memo
 from ..html import CARD
-from ..scheduler import Memo
 from ..state import Binding, PageState, Tab
 
 MAX_ROWS = 100  # of a table
