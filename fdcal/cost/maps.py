@@ -28,12 +28,13 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
+from scipy.ndimage import map_coordinates
 from scipy.special import jv
 
-from ..acoustics.dictionary import bessel, fourier_bessel, max_order
+from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Reals, frozen_array
@@ -45,8 +46,6 @@ from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 NEGLIGIBLE = 1e-15  # Chebyshev coefficients of a map below it are omitted
 VOLUME_NEGLIGIBLE = 1e-8  # the same for a volume
 MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the same time, 160 MB
-EXTRA_ORDERS = 12  # orders beyond ceil(k R) in the likelihood, after which the rest of the kernel is below 1e-13
-MAX_FUNCTIONS = 4  # functions per microphone above which covariances are cheaper than the dictionary
 FINE = 500  # points along the longer edge of a fine map
 
 
@@ -83,14 +82,9 @@ def node_points(search: Search, counts: Sequence[int], height: Sequence[float] |
     `height` holds further coordinates that all nodes share: z (1,) for a layer in space, otherwise nothing.
     """
     low, high = area(search, len(counts))
-    axes = [a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
+    axes = [a + (b - a) * (1 + chebpts1(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
     points = np.stack([x.ravel() for x in np.meshgrid(*axes[::-1], indexing="ij")][::-1], axis=1)
     return np.concatenate([points, np.tile(height, (len(points), 1))], axis=1)
-
-
-def _nodes(count: int) -> np.ndarray:
-    """Return the Chebyshev nodes between -1 and 1 : (count,) float64."""
-    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
 def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np.ndarray:
@@ -99,7 +93,7 @@ def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np
     weight = np.full(count, 2.0 / count)
     weight[0] /= 2
     there = np.asarray(chebvander(np.asarray((2 * places - low - high) / (high - low)), count - 1))
-    return (there * weight) @ np.asarray(chebvander(_nodes(count), count - 1)).T
+    return (there * weight) @ np.asarray(chebvander(chebpts1(count), count - 1)).T
 
 
 @functools.lru_cache(maxsize=128)
@@ -313,84 +307,28 @@ def likelihood_maps(
     if not np.isfinite(x).all():
         raise np.linalg.LinAlgError("positions are not finite")
     p, others = problem.pressures[modes], np.delete(x, n, axis=0)
-    field, middle = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension), _middle(domain)
-    low, high = area(domain)
-    reach = max(np.linalg.norm(others[:, :2] - middle, axis=1).max(), np.linalg.norm(high - low) / 2 + domain.step)
-    orders = max_order(field.wavenumbers, float(reach), EXTRA_ORDERS)
-    few = problem.dimension == 2 and 2 * orders.max(initial=0) + 1 <= MAX_FUNCTIONS * len(x)
-    between = _distances(others, others)
+    field = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension)
+    between = np.linalg.norm(others[:, None] - others, axis=-1)
 
     @functools.cache
     def to_nodes(counts: tuple[int, ...]) -> Reals:
-        return _distances(others, node_points(domain, counts, x[n, 2:]))
+        return np.linalg.norm(others[:, None] - node_points(domain, counts, x[n, 2:]), axis=-1)
 
     maps: list[np.ndarray] = []
     for m, (k, s, v) in enumerate(zip(field.wavenumbers.tolist(), field.power, field.noise, strict=True)):
         counts, rest = node_counts(domain, k), np.delete(p[m], n)
-        if few:
-            rows = _node_rows(domain, range(len(problem.pressures))[modes][m], k, int(orders[m]))
-            W = _real_dictionary(others, k, int(orders[m]), middle)
-            # With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T takes the place of C_-n:
-            # f = w A^-1 W^T p_-n and h = |G^-1 w|^2, with O(K^2) operations per node.
-            mu = v / s
-            G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
-            inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
-            alpha = inverse.T @ (inverse @ (W.T @ rest))
-            r0 = np.vdot(rest, rest - W @ alpha).real
-            constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
-            t = rows @ inverse.T
-            h, f = np.einsum("ij,ij->i", t, t), rows @ alpha
-        else:
-            # With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2.
-            # This is cheaper in space and for a very wide array.
-            G = np.linalg.cholesky(s * diffuse_correlation(k * between, problem.dimension) + v * np.eye(len(rest)))
-            inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
-            y = inverse @ rest
-            t = (s * inverse) @ diffuse_correlation(k * to_nodes(counts), problem.dimension)
-            constant = 2 * np.log(np.diagonal(G)).sum() - len(rest) * np.log(v) + np.vdot(y, y).real
-            h, f = (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
+        # With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2.
+        G = np.linalg.cholesky(s * diffuse_correlation(k * between, problem.dimension) + v * np.eye(len(rest)))
+        inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+        y = inverse @ rest
+        t = (s * inverse) @ diffuse_correlation(k * to_nodes(counts), problem.dimension)
+        constant = 2 * np.log(np.diagonal(G)).sum() - len(rest) * np.log(v) + np.vdot(y, y).real
+        h, f = (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
         onto = _onto_lattice(domain, domain if search is None else search, counts)
         h, re, im = _interpolated(_stacked(h, f, counts), onto)
         error = (p[m, n].real - re) ** 2 + (p[m, n].imag - im) ** 2
         maps.append(constant + np.log1p(h) + error / (v * (1.0 + h)))
     return np.stack(maps)
-
-
-def _real_dictionary(points: Reals, k: float, order: int, centre: Reals) -> np.ndarray:
-    """Return W (N, 2L + 1) float64 of a real k: J_0, then sqrt(2) J_l cos(l theta) and sqrt(2) J_l sin(l theta).
-
-    It equals Eq. 4 after a unitary transformation, so that W W^T is the same. The columns of lower orders come first.
-    """
-    offsets, orders = points - centre, np.arange(1, order + 1)
-    J = np.sqrt(2.0) * bessel(k * np.hypot(*offsets.T), order).T
-    angle = np.arctan2(offsets[:, 1], offsets[:, 0])[:, None] * orders
-    W = np.empty((len(points), 2 * order + 1))
-    W[:, 0], W[:, 1::2], W[:, 2::2] = J[:, 0] / np.sqrt(2.0), J[:, 1:] * np.cos(angle), J[:, 1:] * np.sin(angle)
-    return W
-
-
-def _distances(a: Reals, b: Reals) -> np.ndarray:
-    return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
-
-
-def _middle(domain: Search) -> np.ndarray:
-    """Return the centre of the expansion, (2,) metres, at which no node and no microphone of a regular array is."""
-    return area(domain).mean(axis=0) + 1e-3 * domain.step * np.array([0.61, 0.37])
-
-
-@functools.lru_cache(maxsize=2)
-def _tables(domain: Search) -> dict[int, tuple[float, np.ndarray]]:
-    """Return what `_node_rows` has computed for one search domain: wavenumber and rows, by mode."""
-    return {}
-
-
-def _node_rows(domain: Search, mode: int, k: float, order: int) -> np.ndarray:
-    """Return the rows (C, 2L + 1) of the real dictionary at the nodes; computed again for a higher order or other k."""
-    known, rows = _tables(domain).get(mode, (k, np.zeros((0, 0))))
-    if known != k or rows.shape[1] < 2 * order + 1:
-        rows = _real_dictionary(node_points(domain, node_counts(domain, k), ()), k, order, _middle(domain))
-        _tables(domain)[mode] = k, rows
-    return rows[:, : 2 * order + 1]
 
 
 # What the page shows.
@@ -557,11 +495,7 @@ def map_positions(indices: ArrayLike, search: Search) -> np.ndarray:
 def interpolate(cost: np.ndarray, search: Search, point: ArrayLike) -> float:
     """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, of the nearest edge."""
     place = (np.asarray(point, float)[:2] - search.origin[:2]) / search.step
-    x, y = np.clip(place, 0, np.array(cost.shape[::-1]) - 1)
-    i, j = min(int(x), cost.shape[1] - 2), min(int(y), cost.shape[0] - 2)
-    u, v = x - i, y - j
-    low, high = cost[j, i : i + 2] @ [1 - u, u], cost[j + 1, i : i + 2] @ [1 - u, u]
-    return float((1 - v) * low + v * high)
+    return float(map_coordinates(cost, place[::-1, None], order=1, mode="nearest")[0])
 
 
 # The paper's Fig. 1 as numbers.
