@@ -59,6 +59,16 @@ SIZE_TOLERANCE = 1e-5  # metres; a shorter step ends the fit of the size
 LARGE_RESIDUAL = 2.0  # reduced chi-square above which the fit of the size takes more than one step
 
 
+@dataclass(frozen=True)
+class RoomData:
+    """The pressures of a room of known size."""
+
+    pressures: np.ndarray  # (M, N) complex128, of unit RMS in each mode
+    noise: Reals  # (M,) float64, fraction of their power
+    wavenumbers: Numbers  # (M,), rad/m
+    size: Sequence[float] | Reals  # (D,), metres
+
+
 def degrees_of_freedom(modes: int, count: int, D: int) -> float:
     """Return the number of complex pressures of `count` microphones minus the number of complex unknowns."""
     return max(modes * (count - 1) - (count * D + D + 2) / 2, 1.0)
@@ -121,29 +131,22 @@ DIFFERENCE = 1e-6  # step of the numerical derivatives by the admittance and by 
 
 
 @np.errstate(all="ignore")
-def exact(
-    theta: Reals,
-    pressures: Complexes,
-    noise: Reals,
-    wavenumbers: Numbers,
-    size: Sequence[float] | Reals,
-    slopes: bool = True,
-) -> Exact:
+def exact(theta: Reals, data: RoomData, slopes: bool = True) -> Exact:
     """Return the exact model's residual, and its Jacobian if `slopes`; otherwise the Jacobian has no rows.
 
     Far outside the room values may overflow; the cost is then not finite, and no step is taken.
     """
-    N, D = pressures.shape[1], len(size)
+    pressures, size, N, D = data.pressures, data.size, data.pressures.shape[1], len(data.size)
     source_at, walls_at, lengths_at = N * D, N * D + D, N * D + D + 2
     x, source = theta[:source_at].reshape(N, D), theta[source_at:walls_at]
     beta, longer = complex(*theta[walls_at:lengths_at]), theta[lengths_at:]
     size = tuple(np.asarray(size) * (1 + longer)) if len(longer) else tuple(size)
-    room = room_modes.point_source_model(size, wavenumbers, beta)
+    room = room_modes.point_source_model(size, data.wavenumbers, beta)
     excited, shapes = room.excitation(source), room.shapes(x)
     g = room_modes.room_pressures(excited, shapes)
     square = np.sum(np.abs(g) ** 2, axis=1, keepdims=True)
     A = np.sum(g.conj() * pressures, axis=1, keepdims=True) / square
-    scale = 1 / np.sqrt(noise)[:, None]
+    scale = 1 / np.sqrt(data.noise)[:, None]
     prior = np.zeros(len(theta))
     prior[walls_at:lengths_at] = 1 / ADMITTANCE_SIGMA
     residual, jacobian = scale * (pressures - A * g), np.zeros((0, len(theta)))
@@ -151,7 +154,7 @@ def exact(
         return Exact(theta, prior, residual, A * g, jacobian)
 
     def slope(size: Sequence[float] | Reals, beta: complex) -> np.ndarray:
-        changed = room_modes.point_source_model(size, wavenumbers, beta)
+        changed = room_modes.point_source_model(size, data.wavenumbers, beta)
         return (room_modes.room_pressures(changed.excitation(source), changed.shapes(x)) - g) / DIFFERENCE
 
     dg = np.zeros((*g.shape, len(theta)), complex)
@@ -197,35 +200,22 @@ def bounded_inverse(curvature: np.ndarray) -> np.ndarray:
     return (vectors / np.maximum(values, MIN_CURVATURE * values[-1])) @ vectors.T
 
 
-def fitted_size(
-    theta: Reals,
-    pressures: Complexes,
-    noise: Reals,
-    wavenumbers: Numbers,
-    size: Sequence[float] | Reals,
-    residual: float,
-) -> SizeFit:
+def fitted_size(theta: Reals, data: RoomData, residual: float) -> SizeFit:
     """Return the lengths of the room that fit best together with all other unknowns.
 
     The fit starts at the solution `theta` for the given size. If its reduced chi-square `residual` is small, one step
     is enough.
     """
-    N, D = pressures.shape[1], len(size)
-    model = pressures, noise, wavenumbers, size
-
-    def stepped(grown: Reals, damping: float):
-        terms, free = exact(grown, *model).terms, (-np.inf, np.inf)
-        return terms, bounded_step(
-            grown, terms, lambda y: exact(y, *model, False).cost, free, N * D, damping, max_step=0.5
-        )
-
-    terms, step = stepped(np.concatenate([theta, np.zeros(D)]), FIRST_DAMPING)
-    for _ in range(MAX_SIZE_STEPS - 1 if residual > LARGE_RESIDUAL else 0):
-        if step.moved < SIZE_TOLERANCE:
+    N, D = data.pressures.shape[1], len(data.size)
+    grown, damping = np.concatenate([theta, np.zeros(D)]), FIRST_DAMPING
+    left = MAX_SIZE_STEPS if residual > LARGE_RESIDUAL else 1
+    while True:
+        terms, free = exact(grown, data).terms, (-np.inf, np.inf)
+        step = bounded_step(grown, terms, lambda y: exact(y, data, False).cost, free, N * D, damping, max_step=0.5)
+        grown, damping, left = step.unknowns, step.damping, left - 1
+        if step.moved < SIZE_TOLERANCE or not left:
             break
-        terms, step = stepped(step.unknowns, step.damping)
-    grown = step.unknowns
-    after = step.cost / degrees_of_freedom(len(pressures), N, D)
+    after = step.cost / degrees_of_freedom(len(data.pressures), N, D)
     sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
     return SizeFit(grown[-D:], sigma, after)
 
@@ -245,8 +235,7 @@ class ArrayCandidate:
 class SourceCandidate:
     """A position of the source that the search has found."""
 
-    place: np.ndarray  # (D,) float64, metres
-    admittance: float  # of the walls
+    walls: Reals  # (D + 2,) float64, as of `State`
 
 
 POINTS_PER_WAVE = 8  # lattice points per shortest wavelength
@@ -276,13 +265,11 @@ LATTICE_ERROR = 0.6  # distance of a microphone from its lattice point that is a
 PLACED_AGAIN = 3  # number of the likeliest arrays whose microphones are placed a second time
 
 
-def find_arrays(
-    pressures: Complexes, noise: Reals, wavenumbers: Numbers, size: Sequence[float] | Reals
-) -> list[ArrayCandidate]:
+def find_arrays(data: RoomData) -> list[ArrayCandidate]:
     """Return array candidates, the likeliest first."""
-    p, k = pressures[:SEARCH_MODES], wavenumbers[:SEARCH_MODES]
+    p, k, size = data.pressures[:SEARCH_MODES], data.wavenumbers[:SEARCH_MODES], data.size
     step = lattice_step(k, size)
-    noise = noise_with_errors(noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
+    noise = noise_with_errors(data.noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
     everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
     found: list[tuple[float, float, Reals, LatticePoints]] = []
     for width in WIDTHS:
@@ -373,22 +360,20 @@ SOURCES = 4  # number of source positions that are returned
 MIN_DISTANCE = 2.0  # lattice steps, least distance between two of them
 
 
-def find_sources(
-    positions: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
-) -> list[SourceCandidate]:
+def find_sources(positions: Reals, data: RoomData) -> list[SourceCandidate]:
     """Return candidates for the source, some lattice steps apart, the likeliest first."""
-    step = lattice_step(wavenumbers, size) / FINER
-    axes, points = lattice(size, step)
-    rooms = [room_modes.point_source_model(size, wavenumbers, beta) for beta in ADMITTANCES]
-    costs = np.array([_source_costs(room, positions, pressures, axes) for room in rooms])
+    step = lattice_step(data.wavenumbers, data.size) / FINER
+    axes, points = lattice(data.size, step)
+    rooms = [room_modes.point_source_model(data.size, data.wavenumbers, beta) for beta in ADMITTANCES]
+    costs = np.array([_source_costs(room, positions, data.pressures, axes) for room in rooms])
     chosen: list[int] = []
     for c in np.argsort(costs.min(axis=0), kind="stable").tolist():
         if all(np.linalg.norm(points[c] - points[other]) > MIN_DISTANCE * step for other in chosen):
             chosen.append(c)
         if len(chosen) == SOURCES:
             break
-    best = costs.argmin(axis=0)
-    return [SourceCandidate(frozen_array(points[c], float), ADMITTANCES[int(best[c])]) for c in chosen]
+    walls = ([*points[c], ADMITTANCES[int(costs[:, c].argmin())], 0.0] for c in chosen)
+    return [SourceCandidate(frozen_array(one, float)) for one in walls]
 
 
 UNEXPLAINED = 0.05  # fraction of the power that the error of a lattice point leaves unexplained
@@ -414,16 +399,14 @@ def _source_costs(
 BETTER = 0.3  # a microphone is relocated if this reduces its residual power to less than this fraction
 
 
-def relocate(
-    positions: Reals, walls: Reals, pressures: Complexes, wavenumbers: Numbers, size: Sequence[float] | Reals
-) -> np.ndarray:
+def relocate(positions: Reals, walls: Reals, data: RoomData) -> np.ndarray:
     """Return `positions` (N, D), with microphones that fit far better at another lattice point moved to it.
 
     `walls` (D + 2,) holds the source, metres, and the admittance, real and imaginary part.
     """
-    D = len(size)
-    axes, points = lattice(size, lattice_step(wavenumbers, size) / FINER)
-    room = room_modes.point_source_model(size, wavenumbers, complex(*walls[D:]))
+    pressures, size, D = data.pressures, data.size, len(data.size)
+    axes, points = lattice(size, lattice_step(data.wavenumbers, size) / FINER)
+    room = room_modes.point_source_model(size, data.wavenumbers, complex(*walls[D:]))
     excited, along = room.excitation(walls[:D]), _along(room, axes)
     here = room_modes.room_pressures(excited, room.shapes(positions))
     loud = np.sum(here.conj() * pressures, axis=1, keepdims=True) / np.sum(np.abs(here) ** 2, axis=1, keepdims=True)
@@ -544,40 +527,38 @@ NOISE_GUESS = 1e-4  # noise fraction that is assumed where none is reported
 
 def _noise(problem: Problem, settings: SolverSettings) -> MeasurementNoise:
     """Return the noise that the settings or the measurement report, or a guess."""
-    power = mode_power(problem.pressures)
+    power, reported = mode_power(problem.pressures), problem.noise_power if settings.noise == "reported" else None
     if settings.snr_db is not None:
-        return MeasurementNoise(frozen_array(power / (1 + 10 ** (settings.snr_db / 10)), float), True)
-    reported = problem.noise_power if settings.noise == "reported" else None
-    if reported is not None and np.all(reported > 0):  # even a simulation without noise differs from the exact model
-        return MeasurementNoise(frozen_array(reported, float), True)
-    return MeasurementNoise(frozen_array(NOISE_GUESS * power, float), False)
+        reported = power / (1 + 10 ** (settings.snr_db / 10))
+    if reported is None or not np.all(reported > 0):  # even a simulation without noise differs from the exact model
+        return MeasurementNoise(frozen_array(NOISE_GUESS * power, float), False)
+    return MeasurementNoise(frozen_array(reported, float), True)
 
 
 MIN_NOISE = 1e-6  # least noise fraction
 
 
-def scaled(problem: Problem, state: State, modes: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pressures of unit RMS (modes, N), their noise power (modes,) and wavenumbers (modes,), rad/m."""
+def scaled(problem: Problem, state: State, modes: slice) -> RoomData:
+    """Return the pressures of some modes, scaled to unit RMS."""
     p = problem.pressures[modes]
     power = mode_power(p)
     noise = np.maximum(state.noise.power[modes] / power, MIN_NOISE)
-    return p / np.sqrt(power)[:, None], noise, problem.wavenumbers[modes]
+    return RoomData(p / np.sqrt(power)[:, None], noise, problem.wavenumbers[modes], state.size)
 
 
 def step(problem: Problem, state: State) -> State:
     """Return `state` after one step; the same state if it is finished."""
     if state.finished:
         return state
-    p, noise, k = scaled(problem, state, state.modes)
+    data, tried = scaled(problem, state, state.modes), state.restarts
     phase = replace(state.phase, steps=state.phase.steps + 1)
     state = replace(state, step=state.step + 1, sweep=state.sweep + 1, phase=phase)
     if phase.name == "search":
-        arrays = tuple(find_arrays(p, noise, k, state.size))
-        return _following(problem, replace(state, restarts=replace(state.restarts, arrays=arrays)), True)
+        return _following(problem, replace(state, restarts=replace(tried, arrays=tuple(find_arrays(data)))), True)
     if phase.name == "source":
-        sources = tuple(find_sources(state.positions, p, k, state.size))
-        return _following(problem, replace(state, restarts=replace(state.restarts, sources=sources)), True)
-    state, moved = _fitted(state, p, noise, k)
+        sources = tuple(find_sources(state.positions, data))
+        return _following(problem, replace(state, restarts=replace(tried, sources=sources)), True)
+    state, moved = _fitted(state, data)
     tolerance, max_steps = PHASES[phase.name]
     ended = moved < tolerance or phase.steps >= max_steps
     return _following(problem, state, moved < tolerance) if ended else state
@@ -589,23 +570,23 @@ MARGIN = 1e-3  # metres, least distance between a microphone and a wall
 MAX_ADMITTANCE = 0.2  # of the walls
 
 
-def _fitted(state: State, p: Complexes, noise: Reals, k: Numbers) -> tuple[State, float]:
+def _fitted(state: State, data: RoomData) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
-    size, name, max_step = state.size, state.phase.name, lattice_step(k, state.size)
-    N, D = state.positions.shape
+    k, size, name, (N, D) = data.wavenumbers, data.size, state.phase.name, state.positions.shape
+    max_step = lattice_step(k, size)
     if name == "diffuse":
-        v = noise_with_errors(noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
+        v = noise_with_errors(data.noise, k, D, LATTICE_ERRORS[state.phase.spread] * max_step)
         model, theta = room_modes.diffuse_model(size, k, state.width), state.positions.ravel()
-        terms = diffuse_terms(theta, p, v, model)
+        terms = diffuse_terms(theta, data.pressures, v, model)
 
         def cost(y: Reals) -> float:
-            return diffuse_terms(y, p, v, model).cost
+            return diffuse_terms(y, data.pressures, v, model).cost
     else:
-        v, theta = noise + ROUGH_NOISE * (name != "exact"), state.theta
-        terms = exact(theta, p, v, k, size).terms
+        noisier, theta = replace(data, noise=data.noise + ROUGH_NOISE * (name != "exact")), state.theta
+        terms = exact(theta, noisier).terms
 
         def cost(y: Reals) -> float:
-            return exact(y, p, v, k, size, False).cost
+            return exact(y, noisier, False).cost
 
     low = np.concatenate([np.full(N * D + D, MARGIN), [0.0, -np.inf]])[: len(theta)]
     high = np.tile(np.asarray(size) - MARGIN, N + 1)
@@ -644,8 +625,8 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
     if name in ("rough", "relocated") and state.cost <= REJECTED * freedom:
         return _begin(state, "exact", spread)
     if name == "rough":
-        p, _, k = scaled(problem, state, state.modes)
-        positions = frozen_array(relocate(state.positions, state.walls, p, k, state.size), float)
+        data = scaled(problem, state, state.modes)
+        positions = frozen_array(relocate(state.positions, state.walls, data), float)
         return _begin(replace(state, positions=positions), "relocated", spread, EXACT_DAMPING)
     if name == "relocated":
         best, agreed = _best(tried.rejected, state, False)
@@ -672,8 +653,7 @@ def _restart(state: State) -> State | None:
     tried = state.restarts
     if tried.sources:
         source, *others = tried.sources
-        walls = frozen_array([*source.place, source.admittance, 0.0], float)
-        state = replace(state, walls=walls, restarts=replace(tried, sources=tuple(others)))
+        state = replace(state, walls=source.walls, restarts=replace(tried, sources=tuple(others)))
         return _begin(state, "rough", state.phase.spread, EXACT_DAMPING)
     if tried.arrays:
         array, *others = tried.arrays
@@ -730,12 +710,12 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
     """Return the cost of microphone `n` over the search lattice, the others constrained : (modes, ny, nx)."""
     points = (search_domain(problem) if domain is None else domain).layer(*state.positions[n, 2:])
-    p, noise, k = scaled(problem, state, modes)
-    model = room_modes.diffuse_model(state.size, k, state.width)
-    lattice = LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + ROUGH_NOISE, model)
-    costs = lattice.costs(state.positions, n)
+    data = scaled(problem, state, modes)
+    model = room_modes.diffuse_model(state.size, data.wavenumbers, state.width)
+    flat = points.reshape(-1, points.shape[-1])
+    costs = LatticePoints(flat, data.pressures, data.noise + ROUGH_NOISE, model).costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
-    return costs.reshape(len(p), *points.shape[:2])
+    return costs.reshape(len(costs), *points.shape[:2])
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
@@ -749,20 +729,18 @@ def result(problem: Problem, state: State) -> RoomEstimate:
     The covariance is that of the exact model with its source, walls and loudness unknown, enlarged by the excess
     residual.
     """
-    size, (N, D) = state.settings.room, state.positions.shape
-    assert size is not None  # `init` requires it
-    p, noise, k = scaled(problem, state, state.modes)
-    fit = exact(state.theta, p, noise, k, size)
+    size, (N, D), data = state.size, state.positions.shape, scaled(problem, state, state.modes)
+    p, fit = data.pressures, exact(state.theta, data)
     residual = float(np.sum(np.abs(fit.residual) ** 2)) / degrees_of_freedom(len(p), N, D)
     covariance = bounded_inverse(fit.terms.curvature) * max(1.0, residual)
     part = np.abs(fit.fitted) ** 2
     left_out = (p - fit.fitted) / np.maximum(1 - part / part.sum(axis=1, keepdims=True), 1e-9)
-    noise_fraction = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
+    noise_fraction = float(np.exp(np.mean(np.log(data.noise)))) * (residual if state.noise.given else 1.0)
     return RoomEstimate(
         problem, state.modes, state.positions, state.converged, p, left_out,
         np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)]),
         residual, np.sum(np.abs(fit.residual) ** 2, axis=0), noise_fraction, state.noise.given, tuple(map(float, size)),
-        fitted_size(state.theta, p, noise, k, size, residual), state.walls[:D], complex(*state.walls[D:]),
+        fitted_size(state.theta, data, residual), state.walls[:D], complex(*state.walls[D:]),
         tuple(room_modes.room_symmetries(size)),
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from fdcal.model.scene import Room, Source, load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.session.sources import check_scene
-from fdcal.solvers.room import diffuse_terms, exact
+from fdcal.solvers.room import RoomData, diffuse_terms, exact
 
 SIZE = (2.3, 1.9, 1.6)
 SOURCE = np.array([2.1, 1.75, 1.45])
@@ -185,12 +185,10 @@ def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size,
     p = draws[0] + 1j * draws[1]  # which the unknowns do not explain
     theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
 
-    def cost(y) -> float:
-        return exact(y, p, noise, WAVENUMBERS, size, False).cost
-
-    gradient = exact(theta, p, noise, WAVENUMBERS, size).terms.gradient
+    data = RoomData(p, noise, WAVENUMBERS, size)
+    gradient = exact(theta, data).terms.gradient
     for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
-        assert gradient[i] == pytest.approx(slope(cost, theta, i), rel=2e-3, abs=2e-3)
+        assert gradient[i] == pytest.approx(slope(lambda y: exact(y, data, False).cost, theta, i), rel=2e-3, abs=2e-3)
     model, x = room_modes.diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
     gradient = diffuse_terms(x, p, noise, model).gradient
     for i in (0, 3, 7):
