@@ -337,8 +337,7 @@ def likelihood_maps(
 class HasLandscape(Protocol):
     """The part of a solver that maps need: its traits and the cost that it minimises."""
 
-    @property
-    def TRAITS(self) -> Any: ...
+    TRAITS: Any
 
     def landscape(self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None, /) -> np.ndarray: ...
 

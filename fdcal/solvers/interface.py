@@ -272,15 +272,8 @@ class Traits:
 class Solver(Protocol):
     """A solver: a module with these functions."""
 
-    @property
-    def State(self) -> type[Any]:
-        """Class of the states, a dataclass derived from `RunState`."""
-        ...
-
-    @property
-    def TRAITS(self) -> Traits:
-        """Properties of the solver."""
-        ...
+    State: type[Any]  # class of the states, a dataclass derived from `RunState`
+    TRAITS: Traits
 
     def init(self, problem: Problem, settings: SolverSettings, seed: int) -> Any:
         """Return the first state. Raises InputError for what the solver cannot work on."""

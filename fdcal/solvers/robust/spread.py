@@ -31,17 +31,8 @@ from ...model.problem import Problem
 from ...model.validation import Bools, Reals
 from ..interface import PositionSpread
 from . import noise
-from .objective import (
-    Evaluation,
-    Objective,
-    Quadratic,
-    Unknowns,
-    arrival_index,
-    objective_of,
-    quadratic,
-    unknowns_of,
-    used_modes,
-)
+from . import objective as objectives
+from .objective import Evaluation, Objective, Quadratic, Unknowns
 from .state import State
 
 # Number of blocks of rows, and the least number that gives a dispersion. Neighbouring rows are not independent: with 20
@@ -64,13 +55,14 @@ class Claim:
 
 def claim_of(problem: Problem, state: State) -> Claim:
     """Return objective and covariance at `state`, in its last stage."""
-    objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    used, here = objectives.used_modes(problem, state), objectives.unknowns_of(state)
+    objective = objectives.objective_of(problem, state, used)
     evaluated = objective.evaluate(here)
     try:
         weakened = objective.weakened().evaluate(here)
     except np.linalg.LinAlgError:  # C is singular with the more powerful field
         weakened = evaluated
-    own, likely = quadratic(here, objective, evaluated), quadratic(here, objective, weakened)
+    own, likely = objectives.quadratic(here, objective, evaluated), objectives.quadratic(here, objective, weakened)
     gauge = _gauge(problem, state.positions)
     newton = gauge @ likely.covariance @ gauge.T
     counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
@@ -88,7 +80,7 @@ def _of_data(
 ) -> tuple[Reals, float]:
     """Q of the module (N D, N D), and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 with too few blocks."""
     here, index = likely.unknowns, np.ix_(likely.free, likely.free)
-    order = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")
+    order = np.argsort(problem.takes[objectives.used_modes(problem, state)], kind="stable")
     blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
     gradients, matrices = list[Reals](), list[Reals]()
     for rows in blocks:
@@ -127,7 +119,8 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
     """Yield gradient and Gauss-Newton matrix of the arrivals of each take, by all unknowns."""
     if objective.arrivals is None:
         return
-    terms, index = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays), arrival_index(here)
+    index = objectives.arrival_index(here)
+    terms = objective.arrivals.terms(here.positions, here.log_speed, True, here.delays)
     for gradient, slopes in zip(terms.gradient, terms.slopes, strict=True):
         whole, matrix = np.zeros(here.vector.size), np.zeros((here.vector.size,) * 2)
         whole[index], matrix[np.ix_(index, index)] = gradient, slopes.T @ slopes
