@@ -133,7 +133,8 @@ def equation7(problem, positions, settings) -> float:
     modes = slice(0, settings.modes)
     k = problem.wavenumbers[modes]
     orders = max_order(k, problem.search.radius, settings.order_offset)
-    return float(eq7.cost(positions, problem.pressures[modes], k, orders, positions.mean(axis=0)).sum())
+    W = (fourier_bessel(positions, *one, positions.mean(axis=0)) for one in zip(k, orders, strict=True))
+    return sum(float(eq7.fit(w[None], p[None])[2][0]) for w, p in zip(W, problem.pressures[modes], strict=True))
 
 
 def _until(problem, settings, rule, goal: float) -> tuple[float, float]:

@@ -97,20 +97,26 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
     return found
 
 
+def harmonics(offsets: Reals, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return degree l (K,) of every column, distance from the centre (N,) and Y_lm (N, K); columns as in `degrees`.
+
+    `offsets` from the centre (N, 3), or (N, 2) in a plane through it.
+    """
+    l, m = degrees(order, offsets.shape[1] == 2)  # noqa: E741
+    x, y, height = *offsets.T[:2], offsets[:, 2] if offsets.shape[1] == 3 else np.zeros(len(offsets))
+    across = np.hypot(x, y)
+    Y = sph_harm_y_all(order, order, np.arctan2(across, height), np.arctan2(y, x))  # (L + 1, 2L + 1, N), m = -1 last
+    return l, np.hypot(across, height), Y[l, m].T
+
+
 def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n) : (N, K) complex128, columns as in `degrees`.
 
     `positions` (N, 3), or (N, 2) in a plane through `centre`, metres.
     """
-    offsets = np.asarray(positions, float) - np.asarray(centre, float)
-    l, m = degrees(order, offsets.shape[1] == 2)  # noqa: E741
-    x, y = offsets[:, 0], offsets[:, 1]
-    across = np.hypot(x, y)
-    height = np.zeros_like(x) if offsets.shape[1] == 2 else offsets[:, 2]
+    l, distance, Y = harmonics(np.asarray(positions, float) - np.asarray(centre, float), order)  # noqa: E741
     k = wavenumber if np.imag(wavenumber) else np.real(wavenumber)
-    j = spherical_jn(np.arange(order + 1), k * np.hypot(across, height)[:, None])
-    Y = sph_harm_y_all(order, order, np.arctan2(across, height), np.arctan2(y, x))  # (L + 1, 2L + 1, N), m = -1 last
-    return np.sqrt(4 * np.pi) * j[:, l] * Y[l, m].T
+    return np.sqrt(4 * np.pi) * spherical_jn(np.arange(order + 1), k * distance[:, None])[:, l] * Y
 
 
 def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike, dimension: int) -> np.ndarray:

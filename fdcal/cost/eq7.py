@@ -2,8 +2,7 @@
 
     W         dictionary of one mode at the estimated positions (Eq. 4)
     alpha     W^+ p, coefficients of the field (Eq. 5)
-    residual  W alpha - p (Eqs. 6 and 7), one value per microphone
-    cost      |residual|^2, summed over the modes in use (Eq. 7)
+    cost      |W alpha - p|^2 (Eq. 6), summed over the modes in use (Eq. 7)
     landscape cost over candidate positions of one microphone, all others constrained
 
 With microphone n left out, W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost
@@ -20,8 +19,7 @@ uses this formula: descent evaluates it in compiled loops (`fdcal.cost.lattice`)
 The functions of order l are
 
     2-D             J_l(k r) exp(j l theta)            = c_l g_l(k r) (x + j y)^l
-    plane in 3-D    j_l(k r) exp(j m phi), l + m even  = c_l g_l(k r) r^(l - |m|) (x + j y)^m
-    3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi)
+    3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi), l + m even in a plane
 
 g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2
 represents it to rounding errors. The constants c_l are omitted, since Eq. 7 only depends on the column space of W.
@@ -49,52 +47,19 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from numpy.typing import ArrayLike
-from scipy.special import factorial, factorial2, sph_harm_y_all
+from scipy.special import factorial, factorial2
 
-from ..acoustics.dictionary import bessel, degrees, fourier_bessel, max_order
+from ..acoustics.dictionary import bessel, harmonics, max_order
 from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
-from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
+from ..model.validation import Complexes, InputError, Integers
 
 RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
-
-
-def residual(
-    positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals
-) -> np.ndarray:
-    """Return the residual of every mode, W W^+ p - p (Eq. 7), of positions (N, 2), metres : (M, N) complex128."""
-    dictionaries = (fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
-    fitted = [W @ coefficients(W, p) for W, p in zip(dictionaries, pressures, strict=True)]
-    return np.reshape(fitted, pressures.shape) - pressures
 
 
 def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
     """Return alpha = W^+ p (Eq. 5) : (2L + 1,) complex128, of W (N, 2L + 1) and p (N,)."""
     return fit(W[None], p[None])[1][0]
-
-
-def cost(positions: Reals, pressures: Complexes, wavenumbers: Numbers, orders: Integers, centre: Reals) -> np.ndarray:
-    """Return the cost of every mode (Eq. 7 before the sum), parameters as of `residual` : (M,) float64."""
-    return np.sum(np.abs(residual(positions, pressures, wavenumbers, orders, centre)) ** 2, axis=1)
-
-
-def landscape(
-    positions: Reals,
-    n: int,
-    candidates: Reals,
-    pressures: Complexes,
-    wavenumbers: Numbers,
-    orders: Integers,
-    centre: Reals,
-) -> np.ndarray:
-    """Return the cost of every mode with microphone `n` at each of `candidates` (C, 2), metres : (M, C) float64.
-
-    The others stay at `positions`; parameters as of `residual`. The sum over the modes is the paper's joint cost
-    (Fig. 1, bottom right).
-    """
-    W = [fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True)]
-    rows = (fourier_bessel(candidates, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
-    return np.stack([fit.cost_of(w) for fit, w in zip(leave_one_out_fits(W, pressures, n), rows, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -273,8 +238,7 @@ class FieldExpansion:
 
     def __init__(self, problem: Problem, order_offset: int):
         self.carried = carried_modes(problem, order_offset)
-        self._dimension, self._planar = problem.dimension, problem.array_dimension == 2
-        self._radius = TABLE_RADIUS * search_domain(problem).radius
+        self._dimension, self._radius = problem.dimension, TABLE_RADIUS * search_domain(problem).radius
         self._k = problem.wavenumbers[self.carried.modes]
         self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
 
@@ -324,20 +288,12 @@ class FieldExpansion:
 
     def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the degree l of each column (K,), and the angular factor (C, K) of the rows."""
-        across = offsets[:, 0] + 1j * offsets[:, 1]
-        powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
         if self._dimension == 2:
-            l = np.arange(-order, order + 1)  # noqa: E741
+            across, l = offsets[:, 0] + 1j * offsets[:, 1], np.arange(-order, order + 1)  # noqa: E741
+            powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
             return np.abs(l), np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
-        if self._planar:
-            l, m = degrees(order, True)  # noqa: E741
-            squared = (np.abs(across) ** 2)[:, None]
-            turning = np.where(m < 0, powers[:, np.abs(m)].conj(), powers[:, np.abs(m)])
-            return l, turning * squared ** ((l - np.abs(m)) // 2)
-        l, m = degrees(order)  # noqa: E741
-        height, distance = offsets[:, 2], np.linalg.norm(offsets, axis=1)
-        Y = sph_harm_y_all(order, order, np.arctan2(np.abs(across), height), np.angle(across))
-        return l, distance[:, None] ** l * Y[l, m].T
+        l, distance, Y = harmonics(offsets, order)  # noqa: E741
+        return l, distance[:, None] ** l * Y
 
 
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps

@@ -27,18 +27,16 @@ GUESS = TRUTH + np.random.default_rng(4).normal(0, 0.05, TRUTH.shape)
 CANDIDATES = np.random.default_rng(5).uniform(-0.6, 0.6, (50, 2)) + CENTRE
 
 
-ARGUMENTS = (PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, CENTRE)
-
-
-def test_landscape_is_eq_7_by_brute_force():
-    """By a pseudo-inverse for every candidate."""
-    found = eq7.landscape(GUESS, 7, CANDIDATES, *ARGUMENTS)
-    for m, (p, k, L) in enumerate(zip(PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, strict=True)):
+def test_the_fit_without_a_microphone_gives_eq_7_with_it_anywhere():
+    """By brute force: a pseudo-inverse for every candidate."""
+    for p, k, L in zip(PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, strict=True):
+        (fit,) = eq7.leave_one_out_fits([fourier_bessel(GUESS, k, L, CENTRE)], p[None], 7)
+        found = fit.cost_of(fourier_bessel(CANDIDATES, k, L, CENTRE))
         for c, candidate in enumerate(CANDIDATES):
             moved = GUESS.copy()
             moved[7] = candidate
             W = fourier_bessel(moved, k, L, CENTRE)
-            assert found[m, c] == pytest.approx(np.sum(np.abs(W @ (np.linalg.pinv(W) @ p) - p) ** 2), abs=1e-10)
+            assert found[c] == pytest.approx(np.sum(np.abs(W @ (np.linalg.pinv(W) @ p) - p) ** 2), abs=1e-10)
 
 
 @pytest.mark.parametrize("order", [3, 6])
@@ -47,21 +45,20 @@ def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(or
     at, k = np.arange(20) % 5, PROBLEM.wavenumbers[[0, 4, 8]]
     p = PROBLEM.pressures[[0, 4, 8]][:, :20]
     means = np.stack([p[:, at == place].mean(axis=1) for place in at], axis=1)
-    arguments = p, k, [order] * 3, CENTRE
-    np.testing.assert_allclose(eq7.residual(GUESS[at], *arguments), means - p, atol=1e-9)
-    for one, wavenumber in zip(p, k, strict=True):
+    for one, mean, wavenumber in zip(p, means, k, strict=True):
         W = fourier_bessel(GUESS[at], wavenumber, order, CENTRE)
+        np.testing.assert_allclose(W @ eq7.coefficients(W, one), mean, atol=1e-9)
         distinct = one.reshape(4, 5).mean(axis=0)  # of all solutions Eq. 5 takes the one of least norm
         shortest = W[:5].conj().T @ np.linalg.solve(W[:5] @ W[:5].conj().T, distinct)
         np.testing.assert_allclose(eq7.coefficients(W, one), shortest, atol=1e-6 * np.abs(shortest).max())
-    there = eq7.landscape(GUESS[at], 7, GUESS[[at[7]]], *arguments)[:, 0]
-    np.testing.assert_allclose(there, np.sum(np.abs(means - p) ** 2, axis=1), atol=1e-9)
+        (fit,) = eq7.leave_one_out_fits([W], one[None], 7)
+        np.testing.assert_allclose(fit.cost_of(W[[7]]), np.sum(np.abs(mean - one) ** 2), atol=1e-9)
 
 
 def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
     """J_l(z) of an array far smaller than the wavelength is below 1e-12 from some order on."""
-    k, p = np.array([0.1]), np.random.default_rng(6).normal(size=(1, 24)) + 0j
-    enough, ample = (eq7.cost(GUESS, p, k, [order], CENTRE)[0] for order in (8, 11))
+    p = np.random.default_rng(6).normal(size=(1, 24)) + 0j
+    enough, ample = (eq7.fit(fourier_bessel(GUESS, 0.1, order, CENTRE)[None], p)[2] for order in (8, 11))
     assert ample == pytest.approx(enough, rel=1e-9)
 
 
@@ -166,13 +163,9 @@ def brute_force(problem, positions, offset):
     """Eq. 7 of every mode with fewer functions than microphones, mode by mode, relative to the power, dB."""
     left = power = 0.0
     for p, k in zip(problem.pressures, problem.wavenumbers, strict=True):
+        functions = fourier_bessel if problem.dimension == 2 else spherical_bessel
         L = int(max_order(k, problem.search.radius, offset))
-        if problem.dimension == 2:
-            if 2 * L + 1 < len(p):
-                left += eq7.cost(positions, p[None], [k], [L], positions.mean(axis=0))[0]
-                power += np.sum(np.abs(p) ** 2)
-            continue
-        W = spherical_bessel(positions, complex(k), L, positions.mean(axis=0))
+        W = functions(positions, complex(k), L, positions.mean(axis=0))
         if W.shape[1] < len(p):
             left += np.sum(np.abs(p - W @ np.linalg.pinv(W, rcond=1e-13) @ p) ** 2)
             power += np.sum(np.abs(p) ** 2)

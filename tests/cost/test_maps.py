@@ -56,7 +56,11 @@ def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
     candidates = problem.search.layer().reshape(-1, 2)
     k, p = (values[np.array(modes) - 1] for values in (problem.wavenumbers, problem.pressures))
     orders = max_order(k, problem.search.radius, offset)
-    expected = eq7.landscape(x, 9, candidates, p, k, orders, x.mean(axis=0)) / np.sum(np.abs(p) ** 2)
+    W, rows = (
+        [fourier_bessel(at, *one, x.mean(axis=0)) for one in zip(k, orders, strict=True)] for at in (x, candidates)
+    )
+    fits = eq7.leave_one_out_fits(W, p, 9)
+    expected = [fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)] / np.sum(np.abs(p) ** 2)
     np.testing.assert_allclose(maps.reshape(3, -1), expected, rtol=1e-6, atol=1e-12)
 
 
