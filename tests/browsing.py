@@ -33,7 +33,7 @@ ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "
 # A page draws the scene with each frame, by software, and what is waited for would be computed as often.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
-    window.requestAnimationFrame = act => setTimeout(() => draw(act), 50);
+    window.requestAnimationFrame = act => setTimeout(() => draw(act), 120);
     window.cancelAnimationFrame = number => { clearTimeout(number); drop(number); };
 }"""
 
