@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from fdcal.solvers import starts
+
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory) -> Path:
@@ -16,3 +18,11 @@ def cache(tmp_path_factory) -> Path:
     root = str(Path(__file__).parents[2])
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def few_random_starts():
+    """The search for starts tries two random ones at most: its own tests are those of fdcal."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(starts, "RANDOM_STARTS", 2)
+        yield

@@ -161,12 +161,12 @@ def test_an_axis_of_scenes(file, tmp_path):
 
 def test_a_calibration_is_determined_by_its_number(file):
     study = load_study(file)
-    one, same, other = row_of(study, 5), run_task(study, 5), row_of(study, 9)
+    one, same, other = row_of(study, 5), run_task(study, 5), row_of(study, 1)
     one.pop("seconds"), same.pop("seconds")
     assert one == same
     assert (one["source"], one["version"]) == (own_code().source, fdcal_version("fdcal"))
     assert len(one["source"]) == 16 and set(one) >= set(asdict(own_code())), "it names the code that computed it"
-    assert (one["draw"], other["draw"]) == (1, 2)
+    assert (one["draw"], other["draw"]) == (1, 0)
     assert one["rms_error_m"] != other["rms_error_m"]
     assert 0 < one["bound_m"] < one["rms_error_m"] * 5
 
@@ -188,7 +188,7 @@ def test_a_row_has_the_errors_of_calibrate_whatever_is_known():
 def test_the_source_of_a_draw_is_the_same_at_all_points(file):
     """So that points differ by their axes alone: with less noise the same array comes out better."""
     study = load_study(file)
-    errors = np.array([[row_of(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(3)])
+    errors = np.array([[row_of(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(2)])
     assert np.all(errors[:, 1] < errors[:, 0])
 
 
@@ -350,7 +350,7 @@ def test_own_processes_listen_on_the_loopback_interface_and_to_each_other_alone(
 
 def test_an_interrupted_study_says_what_is_kept_goes_on_and_is_drawn(file, tmp_path, monkeypatch, capsys):
     """In a thread of this process; `benchmarks documents` interrupts and kills processes of its own."""
-    file.write_text(TEXT.format(draws=1))
+    file.write_text(TEXT.format(draws=1).replace('"solver.modes" = [12, 20]\n', ""))
     folder = tmp_path / "out"
 
     def stopped(study, results, client, progress):
@@ -368,11 +368,11 @@ def test_an_interrupted_study_says_what_is_kept_goes_on_and_is_drawn(file, tmp_p
     with monkeypatch.context() as patch:
         patch.setattr(run, "run_study", stopped)
         assert exit_code(file, "-o", folder) == 130
-    said = f"interrupted; 1 of 4 calibrations are in {folder}: the same command with --resume goes on"
+    said = f"interrupted; 1 of 2 calibrations are in {folder}: the same command with --resume goes on"
     assert capsys.readouterr().err.splitlines()[-1] == f"error: {said}"
     assert exit_code(file, "-o", folder, "--resume") == 0
     head, rows = read_results(folder)
-    assert sorted(rows["task"]) == sorted(pandas.read_parquet(folder / "rows")["task"]) == list(range(4)), "each once"
+    assert sorted(rows["task"]) == sorted(pandas.read_parquet(folder / "rows")["task"]) == list(range(2)), "each once"
     page = write_report(folder, head, rows, None, {})
     assert page.read_text().startswith("<!doctype html>")
     assert {one.suffix for one in page.parent.iterdir()} == {".png", ".svg", ".html"}
@@ -399,7 +399,7 @@ def test_a_study_whose_calibrations_are_all_refused_says_so_and_does_not_end_lik
     assert f"refused 1 of {study.count}" in capsys.readouterr().out
 
 
-def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatch):
+def test_a_field_that_points_of_a_draw_share_changes_no_measurement(tmp_path, monkeypatch):
     """The noise differs between points; the radius changes the field itself."""
     path = tmp_path / "study.toml"
     path.write_text(
@@ -413,8 +413,8 @@ def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatc
         return sound_field(*arguments)
 
     def row(number):
-        found = run_task(study, number)
-        return {key: value for key, value in found.items() if key != "seconds"}
+        draw, index = divmod(number, study.points)
+        return tasks.posed(study, study.point(index), draw)[0].measurement.pressures.tolist()
 
     numbers, alone = (0, 1, 2, 4), []  # of the first draw two radii and two levels of noise, and another draw
     for number in numbers:
