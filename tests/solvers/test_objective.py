@@ -261,7 +261,7 @@ def test_arrivals_of_several_takes_make_an_array_exact(four):
 
 
 def test_wrong_times_change_nothing():
-    right, rng = takes_of(3), np.random.default_rng(7)
+    right, rng = takes_of(2), np.random.default_rng(7)
     wrong = replace(right, arrivals=rng.uniform(0, 8e-3, right.arrivals.shape))
     plain, found = (solved(one).estimate.positions for one in (without(right), wrong))
     assert rms_of_shape(found, plain) < 0.2 * rms_of_shape(plain, right.positions)
