@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.assessment.field import cross_validate, expansions
+from fdcal.assessment.field import cross_validate, interpolated
 from fdcal.model.problem import mode_power
 from fdcal.model.scene import load_scene
 
@@ -73,8 +73,7 @@ def _inside(name: str, seed: int, drawn: Draw, outcome: Outcome) -> float:
     chosen = rng.integers(0, m.count, (POINTS, 8))
     points = np.einsum("pi,pid->pd", weights, m.positions[chosen])
     truth = room_field(name, seed, points, m.wavenumbers)
-    fits = expansions(m.problem("raw"), outcome.positions, slice(0, len(truth)), m.noise_power)
-    mapped = np.array([fit.at(points)[0] for fit in fits])
+    mapped, _ = interpolated(m.problem("raw"), outcome.positions, points, slice(0, len(truth)), m.noise_power)
     return float(10 * np.log10(np.mean(mode_power(mapped - truth) / mode_power(truth))))
 
 

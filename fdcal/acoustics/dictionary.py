@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.special import jv, sph_harm_y_all, spherical_jn
 
 from ..model.settings import Search
-from ..model.validation import Complexes, InputError, Integers, Numbers, Reals
+from ..model.validation import Complexes, InputError, Numbers, Reals
 
 NO_EXTENT = 1e-9  # metres: in an array of this radius all microphones are at one position
 
@@ -247,7 +247,6 @@ class LatticeDictionary:
         self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
         self.points = np.asarray(search.origin) + search.step * self.steps
         self._phases: tuple = None, None
-        self._others: tuple = None, None
         squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
         self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
         self.row[squared] = np.arange(len(squared))
@@ -260,15 +259,12 @@ class LatticeDictionary:
 
         The table of a mode is made when it is first used: a solver begins with few modes, and all take a second.
         """
-        self._make(np.arange(len(self.orders))[modes])
+        for m in range(len(self.orders))[modes]:
+            if not self._made[m]:
+                L = int(self.orders[m])
+                self._radial[m, :, : L + 1] = bessel(self.wavenumbers[m] * self._radii, L + SPARE_ORDERS)[: L + 1].T
+                self._made[m] = True
         return self._radial[modes]
-
-    def _make(self, modes: Integers) -> None:
-        for m in modes[~self._made[modes]].tolist():
-            L = int(self.orders[m])
-            J = bessel(self.wavenumbers[m] * self._radii, L + SPARE_ORDERS)
-            self._radial[m, :, : L + 1] = J[: L + 1].T
-            self._made[m] = True
 
     def index(self, point: ArrayLike) -> int:
         """Return the number of the candidate nearest to `point` (2,), metres."""
@@ -280,49 +276,22 @@ class LatticeDictionary:
         index = tuple(self.search.index(centre).tolist())
         cached, phases = self._phases  # the centre rarely moves from step to step
         if cached != index:
-            phases = self._unit_and_row(self.steps - index)
+            offset = self.steps - index
+            squared = np.sum(offset**2, axis=1)
+            unit = (offset[:, 0] + 1j * offset[:, 1]) / np.sqrt(np.maximum(squared, 1))
+            unit[squared == 0] = 1.0
+            phases = unit, self.row[squared]
             self._phases = index, phases
         return phases
 
-    def _unit_and_row(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        squared = np.sum(offset**2, axis=1)
-        unit = (offset[:, 0] + 1j * offset[:, 1]) / np.sqrt(np.maximum(squared, 1))
-        unit[squared == 0] = 1.0
-        return unit, self.row[squared]
-
-    def microphones(self, positions: Reals, centre: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return exp(j theta) and the row of the table of given positions, and W of those that are off the lattice.
-
-        `positions` (N, 2), metres. Returns `unit` (N,), 1 off the lattice; `row` (N,), -1 off the lattice; `others`
-        (M, N_off, 2 Lmax + 1), zero beyond the order of the mode.
-        """
-        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
-        offset = np.rint(steps).astype(np.int64)
-        off = (np.abs(steps - offset) >= 1e-6).any(axis=1) | (np.abs(offset) >= self.shape[::-1]).any(axis=1)
-        offset[off] = 0
-        unit, row = self._unit_and_row(offset)
-        row[off] = -1
-        others = positions[off]  # known microphones, which stay in place
-        index = tuple(self.search.index(centre).tolist()), others.tobytes()
-        cached, W = self._others
-        if cached != index:
-            W = np.zeros((len(self.orders), len(others), 2 * int(self.orders.max()) + 1), dtype=complex)
-            for m, (k, L) in enumerate(zip(self.wavenumbers, self.orders, strict=True) if len(others) else ()):
-                W[m, :, : 2 * L + 1] = fourier_bessel(others, complex(k), int(L), centre)
-            self._others = index, W
-        return unit, row, W
-
     def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
         """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""
-        unit, row, others = self.microphones(np.asarray(positions), centre)
-        phase = unit[:, None] ** np.arange(self._radial.shape[2])
-        modes = np.asarray(modes)
-        self._make(modes)
+        x, y = (np.asarray(positions) - centre).T
+        distance, angle, modes = np.hypot(x, y), np.arctan2(y, x), np.asarray(modes)
         W: dict[int, np.ndarray] = {}
         for L in np.unique(self.orders[modes]):  # modes of equal order in one batch
             batch = modes[self.orders[modes] == L]
-            J = self._radial[batch[:, None], row, : L + 1]
-            W |= zip(batch.tolist(), join_orders(J, phase[:, : L + 1]), strict=True)
-        for m in modes.tolist() if (row < 0).any() else ():
-            W[m][row < 0] = others[m, :, : 2 * self.orders[m] + 1]
+            J = bessel(np.multiply.outer(self.wavenumbers[batch], distance), L)
+            phase = np.exp(1j * np.multiply.outer(angle, np.arange(L + 1)))
+            W |= zip(batch.tolist(), join_orders(np.moveaxis(J, 0, -1), phase), strict=True)
         return [W[m] for m in modes.tolist()]

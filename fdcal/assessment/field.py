@@ -17,7 +17,7 @@ because the pressures of a microphone were used to estimate its position.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary, max_order
 from ..cost.kernels import applied, blocks, hermitian_inverses
@@ -38,42 +38,28 @@ FREQUENCY_TOLERANCE = 0.05  # largest relative difference between the frequency 
 EDGE = 1e-9  # tolerance, as a fraction of the array's extent, so that microphones on the hull are inside
 
 
-@dataclass(frozen=True)
-class Expansion:
-    """The field of one frequency."""
+def interpolated(
+    problem: Problem, positions, points, modes: slice, noise: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pressures (modes, C) at points (C, D), metres, from microphones at `positions` (N, D), and one sigma.
 
-    wavenumber: complex  # complex, rad/m
-    order: int  # L
-    centre: np.ndarray  # (D,) float64, metres
-    coefficients: np.ndarray  # (K,) complex128, alpha, in the unit of the pressures
-    factor: np.ndarray  # (K, K) complex128, lower triangular, A = factor factor^H
-    noise: float  # v, in the unit of abs(pressures)**2
-    dimension: int  # 2 or 3, of the sound field
-
-    def at(self, points) -> tuple[np.ndarray, np.ndarray]:
-        """Return the pressure (C,) at some points (C, D), metres, and its standard deviation (C,)."""
-        pressure, sigma = np.empty(len(points), complex), np.empty(len(points))
+    `noise` (M,) is estimated if None.
+    """
+    x, field, D = np.asarray(positions, float), _field(problem, positions, modes, noise), problem.dimension
+    centre, p, k = x.mean(axis=0), problem.pressures[modes], problem.wavenumbers[modes]
+    orders = max_order(k, float(np.linalg.norm(x - centre, axis=1).max()), EXTRA_ORDERS).tolist()
+    pressure, sigma = np.empty((len(p), len(points)), complex), np.empty((len(p), len(points)))
+    for m, mu in enumerate(field.noise / (NOISE_DEFLATION * field.power)):
+        W = dictionary(x, k[m], orders[m], centre, D)
+        G = cholesky(W.conj().T @ W + mu * np.eye(W.shape[1]), lower=True)
+        alpha = cho_solve((G, True), W.conj().T @ p[m])
         for start in range(0, len(points), BLOCK):
             block = slice(start, start + BLOCK)
-            w = dictionary(points[block], self.wavenumber, self.order, self.centre, self.dimension)
-            whitened = solve_triangular(self.factor, w.conj().T, lower=True)
-            pressure[block] = w @ self.coefficients
-            sigma[block] = np.sqrt(self.noise * np.sum(np.abs(whitened) ** 2, axis=0))
-        return pressure, sigma
-
-
-def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> list[Expansion]:
-    """Return the field of each mode in use, fitted at `positions` (N, D), metres; `noise` (M,) is estimated if None."""
-    x, field = np.asarray(positions, float), _field(problem, positions, modes, noise)
-    centre, radius = frozen_array(x.mean(axis=0), float), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
-    orders, found = max_order(field.wavenumbers, float(radius), EXTRA_ORDERS), []
-    every = zip(problem.wavenumbers[modes], orders.tolist(), problem.pressures[modes], field.noise, strict=True)
-    for (k, order, p, v), mu in zip(every, field.noise / (NOISE_DEFLATION * field.power), strict=True):
-        W = dictionary(x, complex(k), order, centre, problem.dimension)
-        G = cholesky(W.conj().T @ W + mu * np.eye(W.shape[1]), lower=True)
-        alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans=2)  # G^-H
-        found.append(Expansion(complex(k), order, centre, alpha, G, float(v), problem.dimension))
-    return found
+            w = dictionary(points[block], k[m], orders[m], centre, D)
+            whitened = solve_triangular(G, w.conj().T, lower=True)
+            pressure[m, block] = w @ alpha
+            sigma[m, block] = np.sqrt(field.noise[m] * np.sum(np.abs(whitened) ** 2, axis=0))
+    return pressure, sigma
 
 
 def leave_one_out_errors(
@@ -191,10 +177,10 @@ def field_map(
     if speed is not None:
         problem = replace(problem, wavenumbers=problem.wavenumbers * (problem.sound_speed / speed), sound_speed=speed)
     for i, m in enumerate(modes):
-        (expansion,) = expansions(problem, x, slice(m, m + 1), problem.noise_power)
+        one = interpolated(problem, x, points, slice(m, m + 1), problem.noise_power)
         largest = np.abs(measurement.pressures[m]).max()  # whose square may overflow
         unit = largest * np.sqrt(mode_power(measurement.pressures[m : m + 1] / largest))
-        found.pressure[i, inside], found.uncertainty[i, inside] = (unit * part for part in expansion.at(points))
+        found.pressure[i, inside], found.uncertainty[i, inside] = (unit * part[0] for part in one)
     return found
 
 
