@@ -192,21 +192,26 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
         raise InputError(fault, f"use at most {measured}", key="modes")
     if count <= usable:
         return
-    R = search_domain(problem).radius
-    L = int(max_order(problem.wavenumbers[usable], R, order_offset))
-    remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
+    R, remedies = search_domain(problem).radius, []
+    if usable:
+        remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"]
     remedies += [f"a search.radius below {R:g} m"]
     remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
+    remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
+    raise InputError(_not_carried(problem, usable + 1, order_offset), remedy, key="modes")
+
+
+def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
+    """Return why the microphones cannot carry a mode, counted from 1."""
+    R = search_domain(problem).radius
+    L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
     formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
     formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
-    fault = (
-        f"{_row(problem)} {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order"
-        f" L = ceil(k R) + solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset ="
-        f" {order_offset}, that is {formula} ="
-        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
+    return (
+        f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
+        f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"
+        f" {formula} = {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
     )
-    remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
-    raise InputError(fault, remedy, key="modes")
 
 
 def _row(problem: Problem) -> str:
@@ -217,13 +222,9 @@ def _row(problem: Problem) -> str:
 def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
     """Raise InputError if the microphones cannot carry one of `modes`, counted from 1, at its order."""
     carried = carried_modes(problem, order_offset).modes + 1
-    for mode in sorted(set(modes) - set(carried.tolist())):
-        L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
-        fault = (
-            f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
-            f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
-        )
-        raise InputError(fault, f"use a lower order or lower {_row(problem)}s", key="order_offset")
+    if lacking := sorted(set(modes) - set(carried.tolist())):
+        remedy = f"use a lower order or lower {_row(problem)}s"
+        raise InputError(_not_carried(problem, lacking[0], order_offset), remedy, key="order_offset")
 
 
 def require_plane_field(problem: Problem) -> None:

@@ -52,14 +52,12 @@ def damped_step(
     advance: Callable[[np.ndarray], Unknowns],
     length: Callable[[Unknowns], float],
     damping: float,
-    max_step: float = np.inf,
-    shortest: float = 0.0,
+    max_step: float,
 ) -> DampedStep[Unknowns]:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
     advance : returns the unknowns after a step (P,) of the parameters; length : returns how far these have moved,
-    metres; max_step : metres, a longer step is damped more, because it could leave the basin; shortest : metres, a
-    shorter step that does not lower the cost is the last one tried
+    metres; max_step : metres, a longer step is damped more, because it could leave the basin
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
@@ -78,7 +76,7 @@ def damped_step(
             lower = np.inf
         if lower < terms.cost:
             return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
-        if moved < shortest or -(g @ y) < MIN_DECREASE * abs(terms.cost):
+        if -(g @ y) < MIN_DECREASE * abs(terms.cost):
             break
         damping = max(damping, FIRST_DAMPING) * INCREASE
     return DampedStep(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)

@@ -94,22 +94,17 @@ def require_range(problem: Problem, first: int, last: int) -> None:
 MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the sound field
 
 
-def needed_modes(problem: Problem) -> int:
-    """Return the least number of modes that the unknown coordinates need."""
-    # the real equations of a row that remain after the functions of its field are fitted
-    equations = max(1, 2 * (problem.pressures.shape[1] - problem.dimension - 1))
-    return max(MIN_MODES[problem.dimension], -(-problem.array_dimension * len(problem.free) // equations) + 1)
-
-
 def require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
     require_measured(problem, count)
     microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
-    needed = needed_modes(problem)
+    # the real equations of a row that remain after the functions of its field are fitted
+    equations, unknowns = max(1, 2 * (microphones - problem.dimension - 1)), problem.array_dimension * len(problem.free)
+    needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:
-        message = f"{count} modes are too few for {problem.array_dimension * len(problem.free)} unknown coordinates"
+        message = f"{count} modes are too few for {unknowns} unknown coordinates"
         raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes")
 
 
