@@ -20,33 +20,15 @@ from ..model.problem import mode_power
 from ..model.validation import InputError, word_arguments
 from ..solvers.requirements import min_microphones
 from . import channels as select
-from . import formats
+from . import formats, frequencies
 from .arrivals import first_arrivals
 from .cross_spectra import min_duration, stationary_pressures
-from .frequencies import (
-    NothingAboveNoise,
-    Pressures,
-    coordinate_count,
-    default_max_rows,
-    frequency_band,
-    frequency_limit,
-)
+from .frequencies import NothingAboveNoise, Pressures, coordinate_count, frequency_band, frequency_limit
 from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressures, require_quiet_end, segment_levels
-from .recording import (
-    IMPORT_LIMITS,
-    Band,
-    ImportOptions,
-    Noise,
-    Recording,
-    in_memory,
-    join_channels,
-    number_in,
-    read_samples,
-    sound_speed_of,
-    split,
-)
+from .recording import IMPORT_LIMITS, Band, ImportOptions, Noise, Recording, in_memory, number_in, read_samples
 from .short_windows import found_flat, short_windows
 
+SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
 SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
@@ -130,6 +112,79 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
     return read
 
 
+def join_channels(files: Sequence[Recording]) -> Recording:
+    """Return the channels of files that recorded at the same time as one recording, named after the files."""
+    shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
+    other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
+    if other is not None:
+        problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
+        raise InputError(problem, "convert one of them; channels of one take need one rate", key="sample_rate")
+    if shortest.samples < (1 - SHORTER) * longest.samples:
+        problem = f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s"
+        raise InputError(problem, "give channels of one take, which were recorded at the same time", key="files")
+    owner = np.repeat(np.arange(len(files)), [one.count for one in files])
+    local = np.concatenate([np.arange(one.count) for one in files])
+
+    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
+        values = np.empty((len(channels), stop - start))
+        for number in np.unique(owner[channels]):
+            rows = np.flatnonzero(owner[channels] == number)
+            values[rows] = files[number].block(start, stop, local[channels[rows]])
+        return values
+
+    def common(key: str):
+        values = [getattr(one, key) for one in files]
+        return values[0] if all(value == values[0] for value in values) else None
+
+    # Each channel is named after its file, with its folder where files have the same name.
+    stems = [Path(one.path).stem for one in files]
+    if len(set(stems)) < len(stems):
+        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
+    pairs = zip(files, stems, strict=True)
+    names = tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
+    placed = [one.positions for one in files if one.positions is not None]
+    rest = f" and {len(files) - 1} other {'file' if len(files) == 2 else 'files'}"
+    return Recording(
+        f"{files[0].path}{rest if len(files) > 1 else ''}",
+        common("kind"),
+        files[0].sample_rate,
+        len(owner),
+        shortest.samples,
+        block,
+        names=names,
+        positions=np.concatenate(placed) if len(placed) == len(files) else None,
+        sound_speed=common("sound_speed"),
+        full_scale=common("full_scale"),
+    )
+
+
+def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
+    """Cut a recording into parts of `seconds`, at least `min_seconds`; a short remainder is joined to the last part."""
+    if seconds < min_seconds:
+        problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
+        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split")
+    length = int(seconds * recording.sample_rate)
+    starts = list(range(0, recording.samples, length))
+    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
+        starts.pop()
+    if len(starts) < 2:
+        problem = f"split = {seconds:.3g} s does not divide {recording.path}, which lasts {recording.duration:.3g} s"
+        longest = recording.duration / 1.5
+        remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
+        raise InputError(problem, remedy, key="split")
+    fs = recording.sample_rate
+    return [
+        replace(
+            recording,
+            path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
+            kind="stationary",
+            samples=last - first,
+            block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
+        )
+        for first, last in zip(starts, [*starts[1:], recording.samples], strict=True)
+    ]
+
+
 def measurement_of_takes(
     recordings: Sequence[Recording],
     options: ImportOptions = DEFAULTS,
@@ -149,7 +204,9 @@ def measurement_of_takes(
                 raise InputError(problem, "leave out <split>", key="split")
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
         takes = [part for one in takes for part in split(one, options.split, shortest)]
-    each = options.max_rows // len(takes) if options.max_rows else default_max_rows(takes[0].count, len(takes))
+    each = (
+        options.max_rows // len(takes) if options.max_rows else frequencies.default_max_rows(takes[0].count, len(takes))
+    )
     done, skipped = [], []
     for number, one in enumerate(takes):
         if progress is not None:
@@ -178,7 +235,7 @@ def _measurement_of_take(
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
     recording, known_positions, height = _in_plane(recording, options, known_positions)
-    speed, speed_from = sound_speed_of(recording.sound_speed, options)
+    speed, speed_from = options.speed(recording.sound_speed)
     found = frequency_limit(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
     taken = recording

@@ -10,9 +10,8 @@ The options of an import are declared here once: for Python, the command line an
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 import numpy as np
@@ -33,7 +32,6 @@ Band = tuple[float, float]  # lowest and highest frequency, Hz
 Noise = Callable[[np.ndarray], np.ndarray]  # power of the noise in one sample of the transform, over frequency
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
 MIN_SAMPLES = 16  # of a channel
-SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
 
 
 @dataclass(frozen=True)
@@ -134,79 +132,6 @@ def channel_groups(recording: Recording) -> Iterator[tuple[np.ndarray, np.ndarra
     for first, last in ranges(recording.count, GROUP_SAMPLES // recording.samples):
         channels = np.arange(first, last)
         yield channels, read_samples(recording, 0, recording.samples, channels)
-
-
-def join_channels(files: Sequence[Recording]) -> Recording:
-    """Return the channels of files that recorded at the same time as one recording, named after the files."""
-    shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
-    other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
-    if other is not None:
-        problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
-        raise InputError(problem, "convert one of them; channels of one take need one rate", key="sample_rate")
-    if shortest.samples < (1 - SHORTER) * longest.samples:
-        problem = f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s"
-        raise InputError(problem, "give channels of one take, which were recorded at the same time", key="files")
-    owner = np.repeat(np.arange(len(files)), [one.count for one in files])
-    local = np.concatenate([np.arange(one.count) for one in files])
-
-    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
-        values = np.empty((len(channels), stop - start))
-        for number in np.unique(owner[channels]):
-            rows = np.flatnonzero(owner[channels] == number)
-            values[rows] = files[number].block(start, stop, local[channels[rows]])
-        return values
-
-    def common(key: str):
-        values = [getattr(one, key) for one in files]
-        return values[0] if all(value == values[0] for value in values) else None
-
-    # Each channel is named after its file, with its folder where files have the same name.
-    stems = [Path(one.path).stem for one in files]
-    if len(set(stems)) < len(stems):
-        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
-    pairs = zip(files, stems, strict=True)
-    names = tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
-    placed = [one.positions for one in files if one.positions is not None]
-    rest = f" and {len(files) - 1} other {'file' if len(files) == 2 else 'files'}"
-    return Recording(
-        f"{files[0].path}{rest if len(files) > 1 else ''}",
-        common("kind"),
-        files[0].sample_rate,
-        len(owner),
-        shortest.samples,
-        block,
-        names=names,
-        positions=np.concatenate(placed) if len(placed) == len(files) else None,
-        sound_speed=common("sound_speed"),
-        full_scale=common("full_scale"),
-    )
-
-
-def split(recording: Recording, seconds: float, min_seconds: float) -> list[Recording]:
-    """Cut a recording into parts of `seconds`, at least `min_seconds`; a short remainder is joined to the last part."""
-    if seconds < min_seconds:
-        problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
-        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split")
-    length = int(seconds * recording.sample_rate)
-    starts = list(range(0, recording.samples, length))
-    if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
-        starts.pop()
-    if len(starts) < 2:
-        problem = f"split = {seconds:.3g} s does not divide {recording.path}, which lasts {recording.duration:.3g} s"
-        longest = recording.duration / 1.5
-        remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
-        raise InputError(problem, remedy, key="split")
-    fs = recording.sample_rate
-    return [
-        replace(
-            recording,
-            path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
-            kind="stationary",
-            samples=last - first,
-            block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
-        )
-        for first, last in zip(starts, [*starts[1:], recording.samples], strict=True)
-    ]
 
 
 @dataclass(frozen=True)
@@ -316,6 +241,17 @@ class ImportOptions:
             remedy = "give one of <temperature> and <sound_speed>"
             raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")
 
+    def speed(self, in_file: float | None) -> tuple[float, str]:
+        """Return the sound speed, m/s, and its source in words; `in_file`: the speed that the file states, if any."""
+        if self.sound_speed is not None:
+            return self.sound_speed, "as given"
+        if self.temperature is None and in_file is not None:
+            return in_file, "according to the file"
+        celsius = IMPORT_LIMITS.celsius if self.temperature is None else self.temperature
+        return sound_speed(
+            celsius
+        ), f"at {'an assumed temperature of ' * (self.temperature is None)}{celsius:g} degrees Celsius"
+
 
 def number_in(text: str) -> float:
     """Return the number in a text, or NaN if it is not a number."""
@@ -323,14 +259,3 @@ def number_in(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float, str]:
-    """Return the sound speed, m/s, and its source in words; `in_file`: the speed that the file states, if any."""
-    if options.sound_speed is not None:
-        return options.sound_speed, "as given"
-    if options.temperature is not None:
-        return sound_speed(options.temperature), f"at {options.temperature:g} degrees Celsius"
-    if in_file is not None:
-        return in_file, "according to the file"
-    return sound_speed(IMPORT_LIMITS.celsius), f"at an assumed temperature of {IMPORT_LIMITS.celsius:g} degrees Celsius"

@@ -17,9 +17,9 @@ from fdcal.model.validation import InputError
 from fdcal.recordings import channels
 from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
 from fdcal.recordings.frequencies import default_max_rows
-from fdcal.recordings.importer import import_recording, import_summary
+from fdcal.recordings.importer import import_recording, import_summary, split
 from fdcal.recordings.impulse_response import require_quiet_end, segment_levels
-from fdcal.recordings.recording import ImportOptions, recording_of, split
+from fdcal.recordings.recording import ImportOptions, recording_of
 
 COUNT = 16
 SOURCES = ((4.3, 3.4, 0.8), (0.6, 3.2, 2.3), (4.4, 0.5, 2.5))  # m
