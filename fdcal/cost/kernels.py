@@ -73,14 +73,6 @@ def over_blocks(rule: Callable[[slice], Found], modes: int, numbers: int) -> Ite
     return parallel_map(of_part, parts, modes * numbers > WORTH_THREADS)
 
 
-def triangular_inverses(G: np.ndarray) -> np.ndarray:
-    """Return the inverses of lower triangular matrices (M, r, r), which are overwritten."""
-    (invert,) = get_lapack_funcs(("trtri",), (G,))
-    for one in G:
-        invert(one.T, lower=0, overwrite_c=1)  # the transpose of a row-major matrix is column-major: no copy
-    return G
-
-
 def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return C^-1 (M, N, N) and log det C (M,), or raise LinAlgError if C is not positive definite; overwrites C."""
     if C.shape[1] <= FEW:
@@ -135,14 +127,6 @@ def weighted_curvature(g: np.ndarray, K: np.ndarray) -> np.ndarray:
         for total, (a, b) in zip(sums, pairs, strict=True):
             H[a, b, rows] = total
     return H
-
-
-def whole_curvature(H: np.ndarray) -> np.ndarray:
-    """Return (N, P, N, P) float64 from the blocks a <= b of (P, P, N, N), which is overwritten."""
-    for a in range(len(H)):
-        for b in range(a):
-            H[a, b] = H[b, a].T
-    return np.ascontiguousarray(H.transpose(2, 0, 3, 1))
 
 
 DIRECTION_ORDERS = 6  # orders beyond ceil(k R) that plane waves must resolve

@@ -20,6 +20,7 @@ and D_a the slope of s K, the gradient is -2 Re[conj(u) J] plus the derivatives 
 Gauss-Newton matrix is 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
 """
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -131,8 +132,10 @@ def likelihood_terms(
     costs, gradient, curvature = costs + np.sum(2 * np.real(log_gain), axis=1), None, None
     if derivatives:
         gradient = np.sum([np.sum([block[3].sum(axis=0) for block in part], axis=0) for part in parts], axis=0)
-        curvature = np.sum([np.sum([block[4] for block in part], axis=0) for part in parts], axis=0)
-        curvature = kernels.whole_curvature(2 * curvature)
+        H = 2 * np.sum([np.sum([block[4] for block in part], axis=0) for part in parts], axis=0)
+        for a, b in itertools.combinations(range(len(H)), 2):
+            H[b, a] = H[a, b].T
+        curvature = np.ascontiguousarray(H.transpose(2, 0, 3, 1))
     return Terms(float(costs.sum()), costs, gradient, curvature, u, d, q)
 
 

@@ -37,6 +37,7 @@ Finally S <- (S + count A) / (1 + count), where `count` is the weight of the tak
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from ..model.validation import Complexes, Integers, Numbers, Reals
 from . import kernels
@@ -144,7 +145,7 @@ def learned_powers(
     if (powers := field.directions) is None:
         raise ValueError("the field has no directions")
     k, weight, dimension = np.asarray(field.wavenumbers), 1 / np.sqrt(field.channel_noise), field.dimension
-    x = x - np.mean(x if field.about is None else field.about, axis=0)
+    x = field.offsets(x)
     p = weight * pressures / np.sqrt(field.power)[:, None]
     S, mu = np.array(powers, float), field.noise / field.power
     w = kernels.wave_directions(dimension, powers.shape[1])[1]
@@ -175,7 +176,10 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
-    X = kernels.triangular_inverses(np.linalg.cholesky(C))
+    X = np.linalg.cholesky(C)
+    (invert,) = get_lapack_funcs(("trtri",), (X,))
+    for one in X:
+        invert(one.T, lower=0, overwrite_c=1)  # the transpose of a row-major matrix is column-major: no copy
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)

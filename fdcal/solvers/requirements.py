@@ -54,26 +54,9 @@ def min_microphones(dimension: int) -> int:
     """Return the least number of microphones of an array in a field of two or three dimensions.
 
     A field of the lowest order has `dimension` + 1 functions. In the plane the same number of equations must be left
-    for the positions; in space fewer microphones suffice if there are several takes (`takes_needed`).
+    for the positions; in space fewer microphones suffice if there are several takes (`check_solvable`).
     """
     return 6 if dimension == 2 else 4
-
-
-def takes_needed(problem: Problem) -> int:
-    """Return the number of takes that determine the positions of an array in space.
-
-    A standing wave is real up to its phase, so that a row has one real equation for each microphone beyond the number
-    of functions of a field of the lowest order. Where there are no such microphones, only the direct sound of a take
-    determines positions: it is one wave from an unknown direction, which leaves N - D equations per take.
-    """
-    N, D = problem.pressures.shape[1], problem.dimension
-    return 1 if N > D + 1 else -(-unknown_coordinates(problem) // max(1, N - D))
-
-
-def unknown_coordinates(problem: Problem) -> int:
-    """Return the number of unknown coordinates, without the rigid motions if no position is given."""
-    D = problem.array_dimension
-    return D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
 
 
 def require_measured(problem: Problem, count: int) -> None:
@@ -119,8 +102,13 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         if np.array_equal(place, other):
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")
-    (measured, N), unknowns, D = problem.pressures.shape, unknown_coordinates(problem), problem.array_dimension
-    takes, needed = len(np.unique(problem.takes)), takes_needed(problem)
+    (measured, N), D, takes = problem.pressures.shape, problem.array_dimension, len(np.unique(problem.takes))
+    # Without a given position the rigid motions are no unknowns.
+    unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
+    # A standing wave is real up to its phase, so that a row has one real equation for each microphone beyond the number
+    # of functions of a field of the lowest order. Where there are no such microphones, only the direct sound of a take
+    # determines positions: it is one wave from an unknown direction, which leaves N - dimension equations per take.
+    needed = 1 if N > problem.dimension + 1 else -(-unknowns // max(1, N - problem.dimension))
     if N < min_microphones(problem.dimension):
         message = f"{N} microphones are too few: a field of the lowest order has {problem.dimension + 1} functions"
         raise InputError(message, f"use {min_microphones(problem.dimension)} microphones or more", key="pressures")

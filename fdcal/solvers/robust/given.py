@@ -138,12 +138,6 @@ def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
     return bool(np.array_equal(a.contradicted, b.contradicted) and np.array_equal(a.places, b.places))
 
 
-def inaccurate(state: State) -> bool:
-    """Return whether the given positions are all less accurate than expected."""
-    stated = state.settings.known_sigma
-    return state.model.known_sigma > INACCURATE * (GIVEN_SIGMA if stated is None else stated)
-
-
 # distance from the array, over the median distance or sigma, beyond which a given position does not count when the
 # array is moved onto the given positions; without this rule 1 of 32 arrays with wrong given positions is not found
 GIVEN_OUTLIER = 3.0

@@ -44,7 +44,9 @@ def result(problem: Problem, state: State) -> Estimate:
     stated, spread = state.settings.sound_speed_sigma or 0.0, np.array([model.gain_sigma, model.phase_sigma])
     noise_power = claim.objective.field.noise
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
-    framed = bool(len(problem.known)) and not given.inaccurate(state)  # whether given positions fix the frame
+    usual = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
+    # whether given positions fix the frame: not if all are less accurate than expected
+    framed = bool(len(problem.known)) and model.known_sigma <= given.INACCURATE * usual
     return Estimate(
         problem=problem,
         modes=state.modes,

@@ -98,7 +98,8 @@ def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, s
     level = None if reported is None else float(np.median(reported[state.modes]))
     for number, one in list(enumerate(plan))[first:]:
         try:
-            x = starts.start(_seen_by(problem, one), state.last, level, one)
+            chosen = problem if one.given else starts.without_given(problem)
+            x = starts.start(chosen, state.last, level, one)
         except (InputError, np.linalg.LinAlgError):
             if number + 1 == len(plan) and not state.starts:
                 raise
@@ -106,16 +107,12 @@ def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, s
             yield number, one, x
 
 
-def _seen_by(problem: Problem, one: starts.Start) -> Problem:
-    return problem if one.given else starts.without_given(problem)
-
-
 def _with_start(problem: Problem, state: State, one: starts.Start, x: np.ndarray) -> tuple[FittedStart, ...]:
     """Return the arrays found so far and the one where the start at `x` (N, D), metres, ends, the likeliest first.
 
     A start without given positions is aligned with these afterwards, so that a wrong given position does not deform it.
     """
-    found, chosen = state.starts or (), _seen_by(problem, one)
+    found, chosen = state.starts or (), problem if one.given else starts.without_given(problem)
     ended = fitted(chosen, state, x, one.lowest, found)
     if any(ended is other for other in found):
         return tuple(replace(other, hits=other.hits + (other is ended)) for other in found)
