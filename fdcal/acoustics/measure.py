@@ -88,7 +88,7 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
 
         recordings = simulate(scene.room, scene.emitter, positions_of(scene), progress)
     fs, c, sensing = scene.emitter.band.sample_rate, scene.room.sound_speed, scene.measurement
-    first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest)
+    first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
     k = spectrum.wavenumber_continuous(frequencies, s, c)

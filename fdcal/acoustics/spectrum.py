@@ -83,7 +83,9 @@ def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: 
     return total
 
 
-def mean_power(recordings: np.ndarray, fs: float, lowest: float, highest: float) -> tuple[float, float, np.ndarray]:
+def mean_power(
+    recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
+) -> tuple[float, float, np.ndarray]:
     """Return the power spectrum in which `pick_peaks` finds peaks, averaged over the microphones.
 
     The recording is weighted with a Blackman-Harris window raised to a power between 1, for sound that has not decayed
@@ -93,6 +95,7 @@ def mean_power(recordings: np.ndarray, fs: float, lowest: float, highest: float)
     from scipy.signal import get_window  # takes a second to load, which reading a cached measurement does not need
 
     samples = recordings.shape[1]
+    check_band(samples / fs, fs, highest, resolution)
     ringing = window_rate(recordings, fs) * samples / fs / SPECTRUM.decay
     window = get_window("blackmanharris", samples, fftbins=False) ** ringing
     padded = fast_length(SPECTRUM.padding * samples)

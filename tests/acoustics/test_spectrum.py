@@ -28,7 +28,7 @@ def recordings(scene):
 
 def picked_modes(recordings, fs, lowest, highest, prominence_db, resolution):
     """The peaks of the spectrum of recordings, as a measurement picks them, Hz."""
-    first, step, power = spectrum.mean_power(recordings, fs, lowest, highest)
+    first, step, power = spectrum.mean_power(recordings, fs, lowest, highest, resolution)
     return spectrum.pick_peaks(power, first, step, prominence_db, resolution)
 
 
