@@ -147,8 +147,8 @@ def remembered_runs(cache):
 
 @pytest.fixture
 def quick_import(monkeypatch):
-    """Recordings give at most 160 rows and no short windows: a calibration takes a fraction of its time."""
-    monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=160))
+    """Recordings give at most 100 rows and no short windows: a calibration takes a fraction of its time."""
+    monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=100))
     monkeypatch.setattr(importer, "short_windows", lambda *_: None)
 
 

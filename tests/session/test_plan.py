@@ -179,7 +179,7 @@ CASES = [
 
 @pytest.mark.parametrize(("text", "others"), CASES)
 def test_more_signal_and_more_takes_never_make_the_forecast_worse(text, others):
-    plans = [planning.make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 30.0, 45.0)]
+    plans = [planning.make_plan(request_of(text, snr_db=snr_db, **others)) for snr_db in (15.0, 30.0)]
     for plan in plans:
         assert np.all(np.diff(plan.expected, axis=1) <= 0), "less noise"
         assert np.all(np.diff(plan.expected, axis=0) <= 0), "another place of the source"

@@ -84,8 +84,9 @@ def progress_texts():
 
 
 @pytest.fixture
-def page_of(server, scene, kernels, progress_texts):
-    """A page without a browser, and a function that ticks it until something happens."""
+def page_of(server, scene, kernels, progress_texts, monkeypatch):
+    """A page without a browser, and a function that ticks it until something happens; it computes no fine maps."""
+    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)
     made = Page(server, SceneNodes(server), on_progress=progress_texts.append)
 
     def turn_until(happened):

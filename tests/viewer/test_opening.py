@@ -8,6 +8,7 @@ import pytest
 from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, until
 
 from fdcal.cost.maps import cost_maps, map_positions
+from fdcal.viewer import cost_maps as map_worker
 from fdcal.viewer import opening
 from fdcal.viewer.explore import INVITATION
 from fdcal.viewer.prepare import Preparation
@@ -66,8 +67,9 @@ LEVELS = """time => {  // share of the canvas that the relief covers, and the me
 
 
 @pytest.fixture
-def url(kernels):
+def url(kernels, monkeypatch):
     """Address of a server of the opening that no browser has used yet."""
+    monkeypatch.setattr(map_worker, "IDLE_TIME", np.inf)  # no fine maps
     with serving_here() as address:
         yield address
 

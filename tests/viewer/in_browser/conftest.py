@@ -3,13 +3,14 @@
 import contextlib
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from browsing import begin_anew, opened_page, serving_here, tab, until
 
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
 from fdcal.session.scene_edits import edited
-from fdcal.viewer import panels
+from fdcal.viewer import cost_maps, panels
 
 
 @pytest.fixture(scope="package")
@@ -18,6 +19,7 @@ def served(kernels):
     quick = {"solver.name": "descent", "solver.modes": 6}  # a run takes a quarter of the steps that 20 modes take
     scene, lessons = edited(load_scene("tiny"), quick), [load_lesson("3_too_many_too_soon")]
     with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps
         patch.setattr(panels, "DOUBLING_TIME", 0.02)  # s, of the speed of a run: nobody watches it
         url = stack.enter_context(serving_here(scene, lessons=lessons))
 

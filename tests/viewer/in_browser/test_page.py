@@ -3,11 +3,9 @@
 import logging
 import re
 
-import numpy as np
 import pytest
 from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, until
 
-from fdcal.viewer import cost_maps
 from fdcal.viewer.server import hardening
 
 
@@ -132,9 +130,8 @@ BOX = """name => {
 
 
 @pytest.fixture
-def ball(page, monkeypatch):
+def ball(page):
     """The page after `ball3d` was chosen in Explore, in the tab Map; its test is the last: none finds `tiny` again."""
-    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine volumes
     press(page, "Explore")
     page.get_by_role("button", name="Choose a scene").click()
     page.locator("[data-do='scene=ball3d']").click()
