@@ -12,7 +12,7 @@ from running import exit_code
 
 from fdcal.recordings import take
 
-COUNT, OTHER_SIDE = 20, (0.6, 0.5, 1.9)
+COUNT, OTHER_SIDE = 14, (0.6, 0.5, 1.9)
 INVERTED, SWAPPED = 12, (3, 9)
 
 
