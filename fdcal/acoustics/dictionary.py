@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike
 from scipy.special import jv, sph_harm_y_all, spherical_jn
 
 from ..model.settings import Search
-from ..model.validation import Complexes, InputError, Numbers, Reals
+from ..model.validation import Complexes, Numbers, Reals
 
 NO_EXTENT = 1e-9  # metres: in an array of this radius all microphones are at one position
 
@@ -237,9 +237,6 @@ class LatticeDictionary:
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
-        if len(search.size) != 2:
-            problem = f"search.size = {list(search.size)} has 3 lengths and a lattice search is two-dimensional"
-            raise InputError(problem, "use another solver", key="search.size")
         nx, ny = search.shape
         self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
         self.shape, self.nearest = (ny, nx), search.nearest

@@ -101,9 +101,6 @@ def leave_one_out_fits(
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
         W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
-        if W.shape[1] < width:
-            problem = f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones"
-            raise InputError(problem, "use a smaller search.radius or solver.order_offset")
         parts = fit(W, pressures[modes][:, others] * scale)
         for m, Z, alpha, r0 in zip(modes.tolist(), *parts, strict=True):
             fits[m] = LeaveOneOutFit(Z, alpha, float(r0), complex(pressures[m, n]))

@@ -206,24 +206,20 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
 def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
     """Return kappa (M, P) at `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None without `slope`."""
     z = np.multiply.outer(wavenumbers, distance)
-    k2 = wavenumbers[:, None] ** 2
-    if dimension == 2:
-        if not slope:
-            return j0(z), None
+    if dimension == 3:
+        kappa, over = sinc(z)
+    else:
         safe = np.maximum(z, SMALL)
-        return j0(z), -k2 * (j1(safe) / safe)
-    kappa, over = sinc(z)
-    return kappa, (k2 * over if slope else None)
+        kappa, over = j0(z), -j1(safe) / safe if slope else 0.0
+    return kappa, (wavenumbers[:, None] ** 2 * over if slope else None)
 
 
 def diffuse_matrices(x: Reals, wavenumbers: Reals, dimension: int, slope: bool):
     """Return K (M, N, N) of a diffuse field at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
     N, M = len(x), len(wavenumbers)
     first, second, pair = _pairs(N)
-    distance = np.linalg.norm(x[first] - x[second], axis=1)
-    if not np.all(np.isfinite(distance)):
-        raise np.linalg.LinAlgError("positions are not finite")
-    kappa, over = diffuse_kernel(np.append(distance, 0.0), wavenumbers, dimension, slope)
+    distance = np.append(np.linalg.norm(x[first] - x[second], axis=1), 0.0)
+    kappa, over = diffuse_kernel(distance, wavenumbers, dimension, slope)
     K = np.take(kappa, pair, axis=1).reshape(M, N, N)
     if over is None:
         return K, None

@@ -84,9 +84,8 @@ class Terms:
     corrected: np.ndarray  # (M, N) complex128, q
 
     def newton(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradient and curvature. Raises ValueError where the cost alone was computed."""
-        if self.gradient is None or self.curvature is None:
-            raise ValueError("these terms were computed without derivatives")
+        """Return gradient and curvature, of terms with derivatives."""
+        assert self.gradient is not None and self.curvature is not None
         return self.gradient, self.curvature
 
 

@@ -140,10 +140,10 @@ def learned_powers(
     """Return the power by direction (M, Q) float64 after some iterations that start from `field.directions`.
 
     x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : weight of the
-    take's spectrum in that of each row. Raises ValueError for a field without directions.
+    take's spectrum in that of each row. The field must have directions.
     """
-    if (powers := field.directions) is None:
-        raise ValueError("the field has no directions")
+    powers = field.directions
+    assert powers is not None
     k, weight, dimension = np.asarray(field.wavenumbers), 1 / np.sqrt(field.channel_noise), field.dimension
     x = field.offsets(x)
     p = weight * pressures / np.sqrt(field.power)[:, None]

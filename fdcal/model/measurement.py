@@ -448,10 +448,8 @@ class Measurement:
         # The largest real or imaginary part of each mode : (M,) float64; its modulus could overflow.
         largest = np.maximum(np.abs(np.real(pressures)), np.abs(np.imag(pressures))).max(axis=1)
         if weights == "unit":  # division by a power of two is exact and keeps the squares finite
-            _, exponent = np.frexp(largest)
-            scaled = np.empty_like(pressures)
-            scaled.real = np.ldexp(np.real(pressures), -exponent[:, None])
-            scaled.imag = np.ldexp(np.imag(pressures), -exponent[:, None])
+            exponent = np.maximum(np.frexp(largest)[1], -1023)
+            scaled = pressures * np.ldexp(1.0, -exponent)[:, None]
             power = mode_power(scaled)
             noise = None if noise is None else np.ldexp(noise, -2 * exponent) / power
             pressures = scaled / np.sqrt(power)[:, None]

@@ -330,13 +330,12 @@ def _classified(recording: Recording, options: ImportOptions, band: Band) -> tup
         responses, noise = deconvolve(recording, formats.read(options.reference, rate=options.rate), band)
         return responses, "impulse", noise
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
+    short = recording.samples <= MAX_SAMPLES
     if kind is None:  # an impulse response has nearly decayed at its end
-        kind = "stationary"
-        if recording.samples <= MAX_SAMPLES:
-            level = segment_levels(recording, band)
-            decayed = level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10)
-            kind = "impulse" if decayed else "stationary"
-    if kind == "impulse" and recording.samples <= MAX_SAMPLES:
+        level = segment_levels(recording, band) if short else np.ones(2)
+        decayed = level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10)
+        kind = "impulse" if decayed else "stationary"
+    if kind == "impulse" and short:
         require_quiet_end(recording, band)
     return recording, kind, None
 

@@ -231,13 +231,6 @@ class ArrayCandidate:
     positions: np.ndarray  # (N, D) float64, metres
 
 
-@dataclass(frozen=True)
-class SourceCandidate:
-    """A position of the source that the search has found."""
-
-    walls: Reals  # (D + 2,) float64, as of `State`
-
-
 POINTS_PER_WAVE = 8  # lattice points per shortest wavelength
 MAX_POINTS = 8000  # of a lattice; its step is enlarged where there would be more
 
@@ -360,8 +353,8 @@ SOURCES = 4  # number of source positions that are returned
 MIN_DISTANCE = 2.0  # lattice steps, least distance between two of them
 
 
-def find_sources(positions: Reals, data: RoomData) -> list[SourceCandidate]:
-    """Return candidates for the source, some lattice steps apart, the likeliest first."""
+def find_sources(positions: Reals, data: RoomData) -> list[Reals]:
+    """Return candidates for `State.walls`, sources some lattice steps apart, the likeliest first."""
     step = lattice_step(data.wavenumbers, data.size) / FINER
     axes, points = lattice(data.size, step)
     rooms = [room_modes.point_source_model(data.size, data.wavenumbers, beta) for beta in ADMITTANCES]
@@ -372,8 +365,7 @@ def find_sources(positions: Reals, data: RoomData) -> list[SourceCandidate]:
             chosen.append(c)
         if len(chosen) == SOURCES:
             break
-    walls = ([*points[c], ADMITTANCES[int(costs[:, c].argmin())], 0.0] for c in chosen)
-    return [SourceCandidate(frozen_array(one, float)) for one in walls]
+    return [frozen_array([*points[c], ADMITTANCES[int(costs[:, c].argmin())], 0.0], float) for c in chosen]
 
 
 UNEXPLAINED = 0.05  # fraction of the power that the error of a lattice point leaves unexplained
@@ -465,7 +457,8 @@ class Restarts:
     """The candidates that are left, and the optima found so far."""
 
     arrays: tuple[ArrayCandidate, ...] = ()  # from the array search, the next one first
-    sources: tuple[SourceCandidate, ...] = ()  # from the source search for the present array, the next one first
+    # from the source search for the present array, the next one first, each as of `State.walls`
+    sources: tuple[Reals, ...] = ()
     best: RoomOptimum | None = None  # the best optimum of phase "exact"
     rejected: RoomOptimum | None = None  # the best optimum that left too much unexplained for phase "exact"
 
@@ -652,8 +645,8 @@ def _restart(state: State) -> State | None:
     """Return the state at the next restart; None if none is left."""
     tried = state.restarts
     if tried.sources:
-        source, *others = tried.sources
-        state = replace(state, walls=source.walls, restarts=replace(tried, sources=tuple(others)))
+        walls, *others = tried.sources
+        state = replace(state, walls=walls, restarts=replace(tried, sources=tuple(others)))
         return _begin(state, "rough", state.phase.spread, EXACT_DAMPING)
     if tried.arrays:
         array, *others = tried.arrays
