@@ -19,7 +19,7 @@ SPEED, MODES, KNOWN = 343.0, 30, np.array([0, 5, 11, 17])
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
     x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (18, 3))
-    f = np.linspace(60, 400, 20)
+    f = np.linspace(60, 400, 14)
     r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
 
@@ -29,7 +29,7 @@ def rigid_sphere(count=18, radius=0.1):
     i = np.arange(count) + 0.5
     z, t = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
     u = np.c_[np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), z]
-    f, rng, rows = np.linspace(150, 2000, 20), np.random.default_rng(3), []
+    f, rng, rows = np.linspace(150, 2000, 14), np.random.default_rng(3), []
     for k in 2 * np.pi * f / SPEED:
         towards = rng.normal(size=(8, 3))
         cosine = u @ (towards / np.linalg.norm(towards, axis=1)[:, None]).T

@@ -117,7 +117,7 @@ def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_
     assert not plain.curves and not plain.show_minima
 
 
-@pytest.mark.parametrize("count", [1, 3, 4, 9])
+@pytest.mark.parametrize("count", [1, 4])
 def test_no_text_of_the_figure_covers_another(measured, count):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 6, tuple(range(1, count + 1)), 2)

@@ -447,9 +447,7 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
 RATE, SWEPT, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels
 
 
-@pytest.mark.parametrize(
-    ("recorded_s", "played_s", "response_s"), [(6, 5.5, 2.25), (8, 3, 4.5), (12, 5.5, 0.75), (12, 11, 2.25)]
-)
+@pytest.mark.parametrize(("recorded_s", "played_s", "response_s"), [(6, 5.5, 2.25), (8, 3, 4.5)])
 def test_the_noise_is_that_in_the_response_whatever_the_lengths(recorded_s, played_s, response_s, monkeypatch):
     """White noise of known power added to the recording of a sweep, of a flat spectrum S in the band."""
     monkeypatch.setattr(impulse_response, "DECONVOLUTION", replace(impulse_response.DECONVOLUTION, length=response_s))

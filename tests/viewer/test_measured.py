@@ -85,7 +85,7 @@ def test_the_placeholder_scene_of_a_plane_array_in_space_has_its_dimensions(tiny
     assert scene.gauge.indices(16) == tuple(tiny.known.tolist())
 
 
-@pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])
+@pytest.mark.parametrize(("solver", "known"), [("joint", "none"), ("descent", "all")])
 def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver, known, tiny, tmp_path):
     """Map and cost work then, and descent runs, in the axes of the solver."""
     path = tmp_path / "hall.npz"
@@ -93,6 +93,8 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver,
     opening = open_request_of(str(path))
     opening = replace(opening, scene=replace(opening.scene, solver=SolverSettings(name=solver, known=known, modes=20)))
     with prepared(opening) as work:
+        picture = with_estimate(static_picture(work.known_scene, work.measurement), work.measurement, tiny.positions)
+        assert not [solid for solid in picture.meshes if solid.name == "microphones/true"]
         search = work.measurement.search
         assert search is work.problem.search and search is not None and work.reference_cost is not None
         *_, state = solvers.run(work.problem, replace(opening.scene.solver, name="joint"), 0)
@@ -142,10 +144,9 @@ def test_every_place_of_the_source_is_drawn_with_its_take(takes):
     assert stars == ["source_halo", "source"], "as it was for one place"
 
 
-@pytest.mark.parametrize("scored", [True, False])
-def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scored, tiny, tmp_path):
+def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(tiny, tmp_path):
     path = tmp_path / "hall.npz"
-    save_measurement(tiny if scored else replace(tiny, positions=None, search=None), path)
+    save_measurement(tiny, path)
     with prepared(open_request_of(str(path))) as work:
         assert work.scene.title == "hall, as measured"
         assert np.array_equal(work.measurement.pressures, tiny.pressures)
@@ -155,5 +156,4 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(scor
         still = static_picture(work.known_scene, work.measurement)
         assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
-        assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
-        assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
+        assert {"microphones/estimate", "microphones/true"} <= {solid.name for solid in picture.meshes}
