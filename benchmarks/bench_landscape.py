@@ -9,7 +9,8 @@ import numpy as np
 from benchmarks.report import Figure, best_time
 from fdcal.acoustics.dictionary import LatticeDictionary
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.cost.lattice import best_candidate, search_lattice
+from fdcal.cost.eq7 import leave_one_out_fits
+from fdcal.cost.lattice import plane_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps
 from fdcal.model.problem import mode_power
@@ -25,7 +26,7 @@ def run() -> list[Figure]:
     scene = load_scene("array1_circle")
     measurement = cached_measurement(scene)
     problem = measurement.problem()
-    lattice = search_lattice(problem, ORDER_OFFSET)
+    lattice = plane_lattice(problem, ORDER_OFFSET)
     rng = np.random.default_rng(0)
     guess = lattice.points[[lattice.index(x) for x in measurement.positions + rng.normal(0, 0.03, (65, 2))]]
     centre = lattice.nearest(guess.mean(axis=0))
@@ -73,7 +74,8 @@ def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
         return descent_maps(problem, guess, MICROPHONE, modes, ORDER_OFFSET, centre=centre).sum(axis=0)
 
     def search():
-        return best_candidate(problem, lattice, guess, MICROPHONE, centre, slice(0, 57), 1.0)[0]
+        fits = leave_one_out_fits(lattice.dictionary(guess, centre, range(57)), problem.pressures[:57], MICROPHONE)
+        return lattice.best(centre, slice(0, 57), fits, guess[MICROPHONE])[0]
 
     panels, whole = best_time(lambda: summed((11, 21, 31))), best_time(lambda: summed(range(1, 58)))
     short = best_time(search, 20)
@@ -93,7 +95,7 @@ def _steps(problem, settings, truth) -> list[Figure]:
     """A whole step of descent, fits and all, against the same with the full landscape, from three states."""
     figures = []
     start = descent.use_modes(problem, descent.init(problem, settings, 0), 1, 57, automatic=False)
-    lattice = search_lattice(problem, start.order_offset)
+    lattice = plane_lattice(problem, start.order_offset)
     near = truth + np.random.default_rng(1).normal(0, 0.02, truth.shape)
     for name, positions, least in (
         ("a random start", start.positions, 0.5), ("2 cm off", near, 3), ("the truth", truth, 10),

@@ -44,40 +44,30 @@ SEEDS = 4  # number of coarse candidates that are refined
 MAX_WALK = 40  # number of moves at the finest step
 
 
-@functools.lru_cache(maxsize=3)
-def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
-    """Return the lattice of a search domain in the plane, with every mode that the microphones can carry."""
-    search = eq7.search_domain(problem)
-    eq7.require_plane_field(problem)
-    eq7.require_modes(problem, order_offset, 1)
-    k = problem.wavenumbers[: eq7.usable_modes(problem, order_offset)]
-    return LatticeDictionary(search, k, max_order(k, search.radius, order_offset))
+class PlaneLattice(LatticeDictionary):
+    """The candidates of a search domain in the plane, with every mode that the microphones can carry."""
 
+    def __init__(self, problem: Problem, order_offset: int):
+        search = eq7.search_domain(problem)
+        eq7.require_plane_field(problem)
+        eq7.require_modes(problem, order_offset, 1)
+        k = problem.wavenumbers[: eq7.usable_modes(problem, order_offset)]
+        super().__init__(search, k, max_order(k, search.radius, order_offset))
 
-def best_candidate(
-    problem: Problem,
-    lattice: LatticeDictionary,
-    positions: Reals,
-    n: int,
-    centre: Reals,
-    modes: slice,
-    known_weight: float,
-) -> tuple[np.ndarray, float]:
-    """Return the candidate (2,), metres, of least cost for microphone `n`, and that cost, summed over `modes`.
+    def best(self, centre: Reals, modes: slice, fits: list[eq7.LeaveOneOutFit], start: Reals) -> tuple[Reals, float]:
+        """Return the candidate (2,), metres, of least cost, and that cost, summed over `modes`.
 
-    The others stay at `positions` (N, 2), metres; `centre` (2,), metres, is a lattice point; `known_weight` is that of
-    the squared residual of known microphones.
-    """
-    pressures, radial, orders = problem.pressures[modes], lattice.radial(modes), lattice.orders[modes]
-    W = lattice.dictionary(positions, centre, range(len(lattice.orders))[modes])
-    fits, K = eq7.leave_one_out_fits(W, pressures, n, eq7.known_weights(problem, known_weight)), 2 * orders + 1
-    columns, r0 = np.zeros((len(K), K.max() + 1, K.max()), complex), np.array([fit.r0 for fit in fits])
-    for m, fit in enumerate(fits):
-        columns[m, : K[m], : K[m]], columns[m, K[m], : K[m]] = fit.Z.T, fit.alpha
-    whole = ~np.any(np.triu(columns[:, :-1], 1), axis=(1, 2))
-    here, p_n = lattice.index(positions[n]), pressures[:, n].copy()
-    best, least = pruned_search(*lattice.phases(centre), radial, orders, columns, whole, r0, p_n, here)
-    return lattice.points[best], least
+        `centre` (2,), metres, is a lattice point; `fits` are the `leave_one_out_fits` of these modes, and `start` (2,),
+        metres, is where the microphone is.
+        """
+        orders = self.orders[modes]
+        K, r0, p_n = 2 * orders + 1, np.array([fit.r0 for fit in fits]), np.array([fit.p_n for fit in fits])
+        columns = np.zeros((len(K), K.max() + 1, K.max()), complex)
+        for m, fit in enumerate(fits):
+            columns[m, : K[m], : K[m]], columns[m, K[m], : K[m]] = fit.Z.T, fit.alpha
+        whole, here = ~np.any(np.triu(columns[:, :-1], 1), axis=(1, 2)), self.index(start)
+        best, least = pruned_search(*self.phases(centre), self.radial(modes), orders, columns, whole, r0, p_n, here)
+        return self.points[best], least
 
 
 class SpaceLattice:
@@ -156,6 +146,7 @@ def _grid(axes: list[np.ndarray]) -> np.ndarray:
     return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
+plane_lattice = functools.lru_cache(maxsize=3)(PlaneLattice)
 space_lattice = functools.lru_cache(maxsize=3)(SpaceLattice)
 
 BLOCK = 32  # candidates evaluated together

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..acoustics.dictionary import LatticeDictionary
 from ..cost import eq7
 from ..cost.eq7 import known_weights, leave_one_out_fits, require_modes
 from ..cost.maps import descent_maps
@@ -34,7 +33,7 @@ from .requirements import require_range
 from .robust.result import estimate_at
 
 if TYPE_CHECKING:
-    from ..cost.lattice import SpaceLattice
+    from ..cost.lattice import PlaneLattice, SpaceLattice
 
 TRAITS = Traits(
     moves_all=False,
@@ -105,19 +104,13 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
 
 def step(problem: Problem, state: State) -> State:
     """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
-    from ..cost.lattice import best_candidate  # loads the compiler
-
     if state.finished:
         return state
     n = state.next_microphone(problem)
     lattice, modes = _lattice(problem, state.order_offset), state.modes
     positions = state.positions.copy()
-    if isinstance(lattice, LatticeDictionary):
-        weight = state.settings.known_weight
-        positions[n], cost = best_candidate(problem, lattice, state.positions, n, state.centre, modes, weight)
-    else:
-        _, fits = _fits(problem, lattice, state, n, modes)
-        positions[n], cost = lattice.best(state.centre, modes, fits, state.positions[n])
+    _, fits = _fits(problem, lattice, state, n, modes)
+    positions[n], cost = lattice.best(state.centre, modes, fits, state.positions[n])
     moved = replace(
         state,
         positions=frozen_array(positions, float),
@@ -150,16 +143,15 @@ def _order(problem: Problem, seed: int, sweep: int) -> np.ndarray:
     return np.random.default_rng([seed, 1, sweep]).permutation(problem.free)
 
 
-def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
+def _lattice(problem: Problem, order_offset: int) -> PlaneLattice | SpaceLattice:
     """Return the candidates: the lattice of the search domain, of two or three dimensions."""
     from ..cost import lattice  # loads the compiler
 
-    if problem.array_dimension == 3:
-        return lattice.space_lattice(problem, order_offset)
-    return lattice.search_lattice(problem, order_offset)
+    made = lattice.space_lattice if problem.array_dimension == 3 else lattice.plane_lattice
+    return made(problem, order_offset)
 
 
-def _fits(problem: Problem, lattice: LatticeDictionary | SpaceLattice, state: State, n: int, modes: slice):
+def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, n: int, modes: slice):
     """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
     W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
     weights = known_weights(problem, state.settings.known_weight)

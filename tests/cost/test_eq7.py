@@ -12,7 +12,7 @@ from fdcal import solvers
 from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
-from fdcal.cost.lattice import best_candidate, search_lattice
+from fdcal.cost.lattice import PlaneLattice
 from fdcal.cost.maps import eq7_maps, mode_powers, mode_shape
 from fdcal.model.problem import ChannelCorrection
 from fdcal.model.scene import load_scene
@@ -121,7 +121,7 @@ def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(d
 # Descent's search over the lattice ends at the candidate where Eq. 7 is least.
 
 
-LATTICE = search_lattice(PROBLEM, 2)
+LATTICE = PlaneLattice(PROBLEM, 2)
 
 
 def assert_best(positions, n, centre, modes, weight):
@@ -131,7 +131,7 @@ def assert_best(positions, n, centre, modes, weight):
     fits = eq7.leave_one_out_fits(W, PROBLEM.pressures[modes], n, eq7.known_weights(PROBLEM, weight))
     rows = (LATTICE.dictionary(LATTICE.points, centre, [m])[0] for m in numbers)
     total = sum(fit.cost_of(w) for fit, w in zip(fits, rows, strict=True))
-    place, least = best_candidate(PROBLEM, LATTICE, positions, n, centre, modes, weight)
+    place, least = LATTICE.best(centre, modes, fits, positions[n])
     assert least == pytest.approx(total.min(), rel=1e-8, abs=1e-11)
     np.testing.assert_array_equal(place, LATTICE.points[total.argmin()])
 

@@ -10,7 +10,7 @@ from running import refuses
 from solving import run_from
 
 from fdcal import solvers
-from fdcal.cost.lattice import search_lattice
+from fdcal.cost.lattice import plane_lattice
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.solvers import descent as descent
 
@@ -35,7 +35,7 @@ def test_the_step_is_the_argmin_of_the_landscape_and_few_unknown_microphones_are
         np.testing.assert_array_equal(after.positions[KNOWN], TRUTH[KNOWN])
         moved = np.flatnonzero(np.any(before.positions != after.positions, axis=1))
         assert set(moved) <= {after.moved} and after.moved not in KNOWN
-        lattice = search_lattice(PROBLEM, before.order_offset)
+        lattice = plane_lattice(PROBLEM, before.order_offset)
         total = descent.landscape(PROBLEM, before, after.moved, before.modes).sum(axis=0)
         assert after.cost == pytest.approx(total.min(), rel=1e-7, abs=1e-12)
         np.testing.assert_array_equal(after.positions[after.moved], lattice.points[total.argmin()])
@@ -103,5 +103,5 @@ def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed()
         state = descent.init(problem, replace(SETTINGS, start="affine"), seed)
         np.testing.assert_allclose(state.positions, TRUTH, atol=1e-12)
     near = descent.init(PROBLEM, replace(SETTINGS, start="affine"), 0).positions
-    np.testing.assert_allclose(near, search_lattice(PROBLEM, 2).nearest(near), atol=1e-12)
+    np.testing.assert_allclose(near, plane_lattice(PROBLEM, 2).nearest(near), atol=1e-12)
     assert np.abs(near - TRUTH).max() < 0.5 < np.abs(descent.init(PROBLEM, SETTINGS, 0).positions - TRUTH).max()
