@@ -1,7 +1,5 @@
 """Commands for recordings and files of other programs: `import`, `export`, `correct`, `doctor` and `record`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated

@@ -4,8 +4,6 @@ The page of a lesson has text, question and reveal beside the run that each step
 the lesson. Each part of a step, before and after its answer, shows some states of one run (`replay_page/lesson.js`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
@@ -27,7 +25,7 @@ from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.validation import InputError, length_text, parse_modes
 from ..session.calibration_run import assess_state, counted_microphones, problem_of, states_of
-from ..session.lesson import Lesson, LessonSetting, load_lesson, states_of_lesson
+from ..session.lesson import Lesson, LessonSetting, load_lesson, paragraphs, states_of_lesson
 from ..session.session import recorded
 from ..session.sources import CalibrationInput, with_settings
 from ..solvers.interface import RunState
@@ -112,15 +110,8 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
                 scenes.append(start)
                 groups.append([])
             groups[-1].append(setting)
-        steps.append(
-            {
-                "text": _paragraphs(step.text),
-                "question": step.question,
-                "choices": list(step.choices),
-                "answer": step.answer - 1,
-                "reveal": _paragraphs(step.reveal),
-            }
-        )
+        words = {"text": paragraphs(step.text), "question": step.question, "choices": list(step.choices)}
+        steps.append(words | {"answer": step.answer - 1, "reveal": paragraphs(step.reveal)})
     runs, parts, picture = list[dict](), list[dict](), ""
     for number, (start, settings) in enumerate(zip(scenes, groups, strict=True)):
         data, shown, drawn = _lesson_run(*start, settings, measurement, MAX_LESSON_BYTES // len(groups))
@@ -158,7 +149,7 @@ def _lesson_run(
         data["ellipses"] = _ellipses(measurement, found)
     first = settings[0].unfolded()
     n = int(problem.free[0]) if first.microphone is None else first.microphone
-    chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, SOLVER) else None
+    chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, SOLVER) else ()
     return data, parts, picture_of(measurement, problem, states[0], n, chosen)
 
 
@@ -171,10 +162,6 @@ def _ellipses(measurement: Measurement, found: Assessment) -> dict:
     drawn = scale * np.pad(axes[:, -2:], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
     text = f"{MARKS['ellipses'].text}, drawn {scale:g} times larger; one sigma {length_text(sigma, 2)}"
     return {"axes": np.round(drawn, 6).tolist(), "text": text}
-
-
-def _paragraphs(text: str) -> Sequence[str]:
-    return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()]
 
 
 def _part(setting: LessonSetting, problem: Problem) -> dict:

@@ -4,8 +4,6 @@ A `ValueOf` is the type of an option: click names the option before its message.
 example of a right one.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

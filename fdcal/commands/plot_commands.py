@@ -125,7 +125,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), result and load_result(result)
     from ..graphics.picture import compose, with_volume
-    from ..graphics.snapshot import render
+    from ..graphics.snapshot import render_png
     from ..session.calibration_run import problem_of
 
     measurement, scene_shown = inputs.measurement, inputs.scene
@@ -141,7 +141,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
     picture = compose(scene_shown, measurement, positions, n, floor, title)
-    render(with_volume(picture, volume), path, size, view, force)
+    png = render_png(with_volume(picture, volume), size, view)
+    write_atomically(path, lambda file: file.write_bytes(png), force)
     print(path)
 
 
@@ -170,8 +171,7 @@ def replay(source, solver, modes, seed, microphone, output, force):
     with opt.progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title
-    domain = search_around(states[-1].positions, inputs.measurement.search)
-    source = replace(inputs.measurement, search=domain)
+    source = replace(inputs.measurement, search=search_around(states[-1].positions, inputs.measurement.search))
     measurement = source if inputs.scene is None else as_given(inputs.scene, source)
     problem = source.problem(inputs.settings.weights, inputs.settings.known)
     sought = counted_microphones(inputs, states[-1])

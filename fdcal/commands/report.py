@@ -4,8 +4,6 @@
 inverted and dead channels. The comparison with a list of positions shows exchanged channels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

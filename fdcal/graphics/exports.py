@@ -93,8 +93,7 @@ def _write_png(path: Path, field: FieldMap) -> None:
     count = len(field.frequencies)
     if count > MAX_ROWS:
         problem = f"{count} frequencies are too many for a picture"
-        remedy = f"give at most {MAX_ROWS} <frequencies>, or write .npz"
-        raise InputError(problem, remedy, key="frequencies")
+        raise InputError(problem, f"give at most {MAX_ROWS} <frequencies>, or write .npz", key="frequencies")
     layer = (..., len(field.axes[2]) // 2) if len(field.axes) == 3 else ...
     figure = Figure(figsize=(13.5, 3.9 * count), dpi=110, layout="constrained")
     panels = figure.subplots(count, 3, squeeze=False)

@@ -55,30 +55,29 @@ def draw_landscape(
     -------
     matplotlib.figure.Figure
     """
-    panels = self
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
-    count = len(panels.maps)
+    count = len(self.maps)
     columns = int(np.ceil(np.sqrt(count)))
     rows = int(np.ceil(count / columns))
     figure = Figure(figsize=(3.9 * columns, 4.0 * rows + 0.8), dpi=120, layout="compressed")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
-    titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
-    scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) for cost in panels.maps]
+    titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(self.modes, self.frequencies, strict=True)]
+    titles.append(f"sum of the {self.mode_count} modes" if self.mode_count > 1 else "sum (one mode)")
+    scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) for cost in self.maps]
     ends = np.array([np.percentile(one, SHOWN) for one in scaled])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    half, (x, y), (ny, nx) = panels.search.step / 2, panels.search.origin[:2], panels.maps.shape[1:]
-    edges = x - half, x + nx * panels.search.step - half, y - half, y + ny * panels.search.step - half
+    half, (x, y), (ny, nx) = self.search.step / 2, self.search.origin[:2], self.maps.shape[1:]
+    edges = x - half, x + nx * self.search.step - half, y - half, y + ny * self.search.step - half
     style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP, "extent": edges}
     style["norm"] = Normalize(low, max(high, low + LEAST_RANGE), clip=True)
     images, (left, right, bottom, top) = [], edges
     known = {"microphones/true": truth, "microphones/estimate": estimate}
     inside = {name: [place] for name, place in known.items()
               if place is not None and left <= place[0] <= right and bottom <= place[1] <= top}  # fmt: skip
-    for panel, title, shown, minima in zip(axes, titles, scaled, panels.marks, strict=False):
+    for panel, title, shown, minima in zip(axes, titles, scaled, self.marks, strict=False):
         images.append(panel.imshow(shown, **style))
         plot_marks(panel, "microphones/true", inside.get("microphones/true"))
         plot_marks(panel, "minima", minima.others)
@@ -92,7 +91,7 @@ def draw_landscape(
         panel.set_visible(i < count)
         panel.tick_params(labelbottom=True)
         panel.set(xlabel="x (m)" if i + columns >= count else "", ylabel="" if i % columns else "y (m)")
-    figure.suptitle(heading or f"Cost of moving microphone {panels.microphone}", parse_math=False)
+    figure.suptitle(heading or f"Cost of moving microphone {self.microphone}", parse_math=False)
     marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     figure.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -261,8 +260,7 @@ def show_calibration(self: Calibration) -> Replay:
         raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
     run = self.run
     states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # the run may have been stopped
-    search = search_around(states[-1].positions, run.measurement.search)
-    measurement = replace(run.measurement, search=search)
+    measurement = replace(run.measurement, search=search_around(states[-1].positions, run.measurement.search))
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])
     problem = replace(run.problem, search=measurement.search)
     if not len(problem.known):

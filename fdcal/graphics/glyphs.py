@@ -44,17 +44,9 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return np.divide(vectors, length, out=np.tile([1.0, 0.0, 0.0], (len(vectors), 1)), where=length > 0)
 
 
-def stars(centres: np.ndarray, radius: float, arms: int = 2) -> np.ndarray:
-    """Return `arms` segments of half length `radius` through each centre (P, 3), the first at 45 degrees."""
-    angles = np.pi / 4 + np.pi * np.arange(arms) / arms
-    arm = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
-
-
 def squares(centres: np.ndarray, edge: float) -> Triangles:
     """Return a filled square of side `edge`, metres, around each of the (P, 3) `centres`, four vertices each."""
-    corner = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    return _repeat(centres, corner, _quads(1))
+    return _repeat(centres, edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), _quads(1))
 
 
 def _repeat(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Triangles:
@@ -83,12 +75,14 @@ def stems(points: np.ndarray, z: float) -> np.ndarray:
 
 def walls(vertices, height: float) -> Triangles:
     """Return the outline (V, 2), metres, extruded upwards to `height`, metres, two triangles for each wall."""
-    count = len(vertices)
-    here, there = np.arange(count), np.roll(np.arange(count), -1)
-    faces = np.concatenate(
-        [np.stack([here, there, there + count], axis=1), np.stack([here, there + count, here + count], axis=1)]
-    )
-    return np.concatenate([lift(vertices, 0.0), lift(vertices, height)]), faces
+    around = np.concatenate([vertices, vertices[:1]])
+    return np.concatenate([lift(around, 0.0), lift(around, height)]), grid_faces(2, len(around))
+
+
+def grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Return the faces of a surface through a grid of points, row by row: two triangles in each cell."""
+    corner = (columns * np.arange(rows - 1)[:, None] + np.arange(columns - 1)).ravel()[:, None]
+    return np.concatenate([corner + [0, 1, columns + 1], corner + [0, columns + 1, columns]])
 
 
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:

@@ -14,6 +14,8 @@ from ..cost.scale import DECADES, LEAST_RANGE, Minima
 from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search
 from ..model.validation import InputError, frozen_array
+from .glyphs import grid_faces
+from .marks import mesh
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Curve, Floor, Mesh, Theme, mixed
 
 TOWARDS_LIGHT = np.array([-0.55, 0.55, 0.63])
@@ -38,18 +40,14 @@ SIDES = (0.28, 0.4)  # of the way from the background to the texts: shades of th
 
 def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     """Return the sides of a map in relief, down to its level, which make it a block: two shades, by the same light."""
-    if floor.heights is None:
-        raise ValueError("a flat map has no sides")
+    assert floor.heights is not None
     rim, meshes = relief_grid(floor, floor.heights), []
     for name, fraction, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
         top = np.stack(edges)
         foot = top * [1, 1, 0] + [0, 0, floor.height]
-        count = top.shape[1]
-        corner = (np.arange(count - 1) + np.array([[0], [2 * count]])).ravel()[:, None]
-        faces = np.concatenate([corner + [0, 1, count + 1], corner + [0, count + 1, count]])
-        vertices = np.stack([top, foot], axis=1).reshape(-1, 3)
-        shape = frozen_array(vertices, np.float32), frozen_array(faces, np.int32)
-        meshes.append(Mesh(f"relief_sides/{name}", *shape, mixed(theme.background, theme.foreground, fraction)))
+        faces = grid_faces(2, count := top.shape[1]) + np.array([[[0]], [[2 * count]]])
+        shape = np.stack([top, foot], axis=1).reshape(-1, 3), faces.reshape(-1, 3)
+        meshes.append(mesh(f"relief_sides/{name}", shape, mixed(theme.background, theme.foreground, fraction)))
     return tuple(meshes)
 
 
@@ -124,9 +122,7 @@ def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] 
 def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
     """Return where on a scale from `low` to `high` each cost lies, 0 to 1."""
     cost = np.clip(cost, low, high)
-    if log and low > 0:
-        return np.log10(cost / low) / np.log10(high / low)
-    return (cost - low) / (high - low)
+    return np.log10(cost / low) / np.log10(high / low) if log and low > 0 else (cost - low) / (high - low)
 
 
 def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
@@ -170,13 +166,12 @@ def wave_floor(
     )
     bar = ColourBar(-1.0, 1.0, f"pressure of {waves[-1][1]} (normalised to a peak of 1)", DIVERGING_COLOUR_MAP)
     rgb = to_rgb((1 + np.clip(fields[-1], -1, 1)) / 2, DIVERGING_COLOUR_MAP)
-    curves, crossings = [], np.zeros((0, 2))
-    if marked:
-        for field, level, (_, name) in zip(fields, levels, waves, strict=True):
-            curves.append(Curve(f"measures the same at {name.rpartition(', ')[2]}", contour(field, level, lattice)))
-        if len(waves) > 1:
-            misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
-            crossings = minima_of(misfit.sum(axis=0), lattice).lowest
+    crossings, names = np.zeros((0, 2)), [f"measures the same at {name.rpartition(', ')[2]}" for _, name in waves]
+    each = zip(names, fields, levels, strict=True)
+    curves = [Curve(name, contour(field, level, lattice)) for name, field, level in each if marked]
+    if marked and len(waves) > 1:
+        misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
+        crossings = minima_of(misfit.sum(axis=0), lattice).lowest
     lowest = tuple((float(x), float(y)) for x, y in crossings)
     captions = (("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
     more = {"show_minima": bool(lowest), "curves": tuple(curves), "captions": captions}

@@ -9,8 +9,6 @@ as an image; matplotlib has a marker for each; the pages of replays and the film
 metres, colours RGB from 0 to 255.
 """
 
-from __future__ import annotations
-
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -51,7 +49,7 @@ class Mark:
     line_halo: float = 0.3  # 0 for no halo
     halo_colour: Colour = HALO
     filled: bool = False  # whether the first path of the symbol is filled
-    below: Mark | None = None  # another mark that it stands on
+    below: "Mark | None" = None  # another mark that it stands on
     # marker of matplotlib, its size and the width of its lines, points
     marker: str = ""
     points: float = 15.0

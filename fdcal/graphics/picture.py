@@ -13,7 +13,7 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from ..model.validation import Reals, frozen_array, length_text
+from ..model.validation import Reals, length_text
 from . import glyphs, marks
 from .heatmap import relief_sides
 from .marks import MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
@@ -134,9 +134,11 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
     places = glyphs.lift(sources, layer_height(Layer.SOURCE, marker_radius))
     seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
+    angles = np.pi / 4 * np.arange(4)
+    arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of a star
     for number, place in enumerate(places):
         name, text = (f"source/{number}", f"source, take {number}") if several else ("source", "source")
-        parts += strokes(name, glyphs.stars(place[None], 2 * radius, arms=4), radius, 0.4, "microphones/true")
+        parts += strokes(name, place + np.stack([-arms, arms], axis=1), radius, 0.4, "microphones/true")
         if several and scene.room.dimension == 3:
             parts.append(lines(f"{name}/stem", glyphs.stems(place[None], 0.0), theme.foreground, 2.0))
         x, y, z = place.tolist()
@@ -342,8 +344,6 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
     `floor`: the map, on which the paths lie if it is a relief.
     """
     paths = np.asarray(paths, float)
-    if len(paths) < 2:
-        return picture
     draped = drape(paths.reshape(-1, paths.shape[2]), floor)
     points = on_layer(draped, picture.z_range[0], picture.marker_radius, Layer.TRAIL).reshape(*paths.shape[:2], 3)
     pieces = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
@@ -494,10 +494,7 @@ def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.
 
 def sphere(centre: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (V, 3), metres, and faces (F, 3) of a ball."""
-    rows = BALL_SIDES // 2
-    polar, around = np.linspace(0, np.pi, rows + 1)[:, None], np.linspace(0, 2 * np.pi, BALL_SIDES + 1)
+    polar, around = np.linspace(0, np.pi, BALL_SIDES // 2 + 1)[:, None], np.linspace(0, 2 * np.pi, BALL_SIDES + 1)
     parts = np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)
     unit = np.stack(np.broadcast_arrays(*parts), axis=-1)
-    corner = (np.arange(rows)[:, None] * (BALL_SIDES + 1) + np.arange(BALL_SIDES)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, BALL_SIDES + 1, BALL_SIDES + 2], corner + [0, BALL_SIDES + 2, 1]])
-    return centre + radius * unit.reshape(-1, 3), frozen_array(faces, np.int32)
+    return centre + radius * unit.reshape(-1, 3), glyphs.grid_faces(*unit.shape[:2])

@@ -4,8 +4,6 @@ Lengths are metres, colours RGB from 0 to 255. Everything is frozen, also the ar
 colours contain the shading, and renderers add no light.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -196,7 +194,7 @@ class Picture:
     # pairs of the name of a part and its words in the legend, if they are not those of `fdcal.graphics.marks`
     captions: tuple[tuple[str, str], ...] = ()
 
-    def plus(self, *parts: Lines | Mesh | Label) -> Picture:
+    def plus(self, *parts: Lines | Mesh | Label) -> "Picture":
         """Return the picture with more parts, each after those of its kind."""
         return replace(
             self,

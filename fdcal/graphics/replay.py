@@ -23,6 +23,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -278,16 +279,11 @@ def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]]
 
 
 def picture_of(
-    measurement: Measurement,
-    problem: Problem,
-    state,
-    n: int,
-    modes: Sequence[int] | None,
-    by: np.ndarray | slice = slice(None),
+    measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int], by: Any = slice(None)
 ) -> str:
     """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG for the index.
 
-    `modes`: counted from 1; all that the microphones can carry unless given; `by`: numbers of the microphones by which
+    `modes`: counted from 1; () for all that the microphones can carry; `by`: numbers of the microphones by which
     a blind array is aligned.
     """
     reference_cost, domain = reference_cost_of(problem), problem.search

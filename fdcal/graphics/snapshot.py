@@ -24,7 +24,7 @@ from .camera import VIEWS, Camera, camera_for, project
 from .heatmap import relief_grid
 from .marks import MARKS, Mark, symbol
 from .picture import HEIGHT_TICKS
-from .primitives import ColourBar, Floor, Label, Picture, by_rank, fractions
+from .primitives import ColourBar, Label, Picture, by_rank, fractions
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
@@ -54,16 +54,6 @@ PEELS = 12  # layers of translucent surfaces that are sorted
 RECTANGLE, UNIT_SQUARE = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
-def render(
-    picture: Picture, path: str | Path, size: tuple[int, int] = (1280, 800), view: str = "top", force: bool = False
-) -> None:
-    """Write the picture to a PNG file; `force`: whether to overwrite an existing one."""
-    from ..model.storage import write_atomically
-
-    png = render_png(picture, size, view)
-    write_atomically(path, lambda temporary: temporary.write_bytes(png), force=force)
-
-
 def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
     """Return the camera of a snapshot: `camera_for` with margins for rulers, legend, title and colour bar."""
     return camera_for(picture, size, view, margins(picture, size))
@@ -82,8 +72,17 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background(fractions(picture.theme.background))
     hidden, camera = HEIGHT_TICKS if view == "top" else None, camera_of(picture, size, view)
-    if picture.floor is not None:
-        _add_floor(plotter, pyvista, picture.floor)
+    if (floor := picture.floor) is not None:
+        if floor.heights is not None:
+            ground: Any = pyvista.StructuredGrid(*np.moveaxis(relief_grid(floor, floor.heights), 2, 0))
+            rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
+            ground.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
+        else:
+            rows, columns = floor.rgb.shape[:2]
+            step, corner = (floor.size[0] / columns, floor.size[1] / rows, 1), (*floor.origin, floor.height)
+            ground = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=step, origin=corner)
+            ground.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
+        plotter.add_mesh(ground, scalars="rgb", rgb=True, lighting=False)
     for mesh in picture.meshes:
         triangles = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
         plotter.add_mesh(triangles, color=mesh.colour, opacity=mesh.opacity, lighting=False)
@@ -109,19 +108,6 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     png = io.BytesIO()
     Image.fromarray(annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)).save(png, format="png")
     return png.getvalue()
-
-
-def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
-    if floor.heights is not None:
-        surface = pyvista.StructuredGrid(*np.moveaxis(relief_grid(floor, floor.heights), 2, 0))
-        rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
-        surface.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
-    else:
-        rows, columns = floor.rgb.shape[:2]
-        step, corner = (floor.size[0] / columns, floor.size[1] / rows, 1), (*floor.origin, floor.height)
-        surface = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=step, origin=corner)
-        surface.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
-    plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False)
 
 
 def legend_of(picture: Picture) -> tuple[Mark, ...]:

@@ -45,8 +45,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     image.SetDimensions(*closed.shape[::-1])
     image.SetOrigin(*(low - search.step))
     image.SetSpacing(search.step, search.step, search.step)
-    flat = np.ascontiguousarray(closed).ravel()
-    image.GetPointData().SetScalars(arrays.numpy_to_vtk(flat))
+    image.GetPointData().SetScalars(arrays.numpy_to_vtk(np.ascontiguousarray(closed).ravel()))
     contour = vtk_core.vtkFlyingEdges3D()
     contour.SetInputData(image)
     contour.SetValue(0, float(level))
@@ -191,8 +190,7 @@ def layer_floor(
     counts = np.maximum(np.rint(np.ptp(domain, axis=0) * pixels / np.ptp(domain, axis=0).max()).astype(int), 2)
     x, y = (a + (b - a) * (np.arange(n) + 0.5) / n for a, b, n in zip(*domain, counts, strict=True))
     cost = terms.on(x, y, np.array([z]))
-    if cost is None:
-        raise ValueError("a layer without cancellation must be complete")
+    assert cost is not None  # only a layer that can be cancelled may be incomplete
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     bar = replace(bar, label=f"{bar.label}, on the floor the layer z = {z:z.2f} m")
     rgb = frozen_array(to_rgb(normalise(cost[0], low, high, log)), np.uint8)

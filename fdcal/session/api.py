@@ -1,7 +1,5 @@
 """The functions of the Python API, such as `fdcal.load` and `fdcal.calibrate`, and checks of their arguments."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -235,7 +233,7 @@ def landscape(
     *,
     calibration: Calibration | None = None,
     settings: SolverSettings | None = None,
-) -> LandscapePanels:
+) -> "LandscapePanels":
     """Return the cost of moving one microphone, mode by mode and summed.
 
     The cost is Eq. 7; drawn, it is the paper's Fig. 1.

@@ -128,8 +128,7 @@ def states_of(
 
     def shown(state: RunState) -> RunState:
         if progress is not None:  # the number of sweeps is not known before the end
-            done = (state.last - 1) / last if adds_modes else 0.0
-            progress(done, f"{state.last} modes, sweep {state.sweep}")
+            progress((state.last - 1) / last if adds_modes else 0.0, f"{state.last} modes, sweep {state.sweep}")
         return state
 
     return map(shown, run(problem, inputs.settings, inputs.seed))
@@ -264,8 +263,7 @@ def with_estimated_domain(
     if measurement.search is not None:
         return measurement
     if settings.room is not None and len(settings.room) == measurement.array_dimension:
-        corners = [(0.0,) * len(settings.room), settings.room]
-        return replace(measurement, search=search_around(corners))
+        return replace(measurement, search=search_around([(0.0,) * len(settings.room), settings.room]))
     needs_search = load(settings.name).TRAITS.needs_search
     chosen = replace(settings, name=SolverSettings().name if needs_search else settings.name, start=None)
     inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
@@ -276,6 +274,5 @@ def with_estimated_domain(
             state = last_state(inputs, progress, problem, time.process_time)[0]
     except InputError:
         return measurement
-    blind = measurement.blind or settings.known == "none"
-    truth = measurement.positions if blind else None
+    truth = measurement.positions if measurement.blind or settings.known == "none" else None
     return replace(measurement, search=search_around(state.best_positions, truth=truth))

@@ -182,8 +182,7 @@ def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray]:
     problem, healthy = result.run.problem, np.zeros(len(result.names), bool)
     healthy[result.healthy] = True
     gains = np.ones(len(result.names)) if result.channels is None else result.channels.correction.gains
-    shown = problem.frequencies <= result.frequencies[-1]
-    modes = slice(0, int(np.sum(shown)))
+    modes = slice(0, int(np.sum(problem.frequencies <= result.frequencies[-1])))
     corrected: Problem = replace(problem, pressures=problem.pressures / gains)
     p = corrected.pressures[modes]
     errors = leave_one_out_errors(corrected, result.positions, modes, healthy=healthy)
@@ -248,8 +247,7 @@ def _size(
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
-        given = replace(inputs, measurement=measurement, settings=settings)
-        found = solve(given, progress)
+        found = solve(replace(inputs, measurement=measurement, settings=settings), progress)
     except InputError:
         return 1.0, np.inf
     c, speed, speed_sigma = measurement.sound_speed, found.sound_speed, found.sound_speed_sigma

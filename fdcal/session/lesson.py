@@ -5,8 +5,6 @@ LessonProgress          where in the lessons the page is
 states_of_lesson        the runs that a page of the gallery plays
 """
 
-from __future__ import annotations
-
 import difflib
 import re
 import typing
@@ -79,7 +77,14 @@ class LessonSetting:
         """Return the keys that may be missing: all."""
         return LessonSetting.__dataclass_fields__
 
-    def unfolded(self) -> LessonSetting:
+    def modes_in_use(self, state: RunState, count: int) -> tuple[int, int, bool] | None:
+        """Return the first and the last mode, of `count`, and whether the solver adds more; None to change nothing."""
+        if self.modes is None and self.automatic is None:
+            return None
+        modes = range(state.first, state.last + 1) if self.modes is None else parse_modes(self.modes, count)
+        return modes[0], modes[-1], state.automatic if self.automatic is None else self.automatic
+
+    def unfolded(self) -> "LessonSetting":
         """Return the setting with the values of its `frame` in the fields that are not set."""
         if self.frame is None:
             return self
@@ -159,7 +164,7 @@ class LessonProgress:
     def step(self) -> LessonStep | None:
         return None if self.lesson is None else self.lesson.steps[self.number]
 
-    def moved(self, steps: int) -> LessonProgress | None:
+    def moved(self, steps: int) -> "LessonProgress | None":
         """Return the progress at the beginning of another step; None where the lesson has no such step."""
         number = self.number + steps
         if self.lesson is None or not 0 <= number < len(self.lesson.steps):
@@ -170,6 +175,11 @@ class LessonProgress:
     def answered(self) -> bool:
         """Whether the question of the step, if it has one, is answered; False without a lesson."""
         return self.step is not None and (self.choice >= 0 or not self.step.choices)
+
+
+def paragraphs(text: str) -> list[str]:
+    """Return the paragraphs of a text, which empty lines separate, each in one line."""
+    return [" ".join(part.split()) for part in text.split("\n\n") if part.strip()]
 
 
 def run_target(run: str) -> tuple[Literal["end"] | Unit, int]:
@@ -190,12 +200,8 @@ def states_of_lesson(
     shown = []
     for setting in parts:
         state = begun if setting.begins or setting.reset else state
-        if setting.modes is not None or setting.automatic is not None:
-            modes = range(state.first, state.last + 1)
-            if setting.modes is not None:
-                modes = parse_modes(setting.modes, len(problem.frequencies))
-            automatic = state.automatic if setting.automatic is None else setting.automatic
-            state = solver.use_modes(problem, state, modes[0], modes[-1], automatic)
+        if (used := setting.modes_in_use(state, len(problem.frequencies))) is not None:
+            state = solver.use_modes(problem, state, *used)
         run = [state]
         what, count = run_target(setting.run or "0 steps")
         while not state.finished and (what == "end" or getattr(state, what) < getattr(run[0], what) + count):

@@ -165,10 +165,9 @@ class PlanRequest:
         (N, D), low, high = x.shape, x.shape[1] + 3, PLAN_LIMITS.max_microphones
         if not low <= N <= high:
             raise InputError(f"the layout has {N} microphones", f"give {low} to {high}", key="layout")
-        pairs = np.triu_indices(N, 1)
-        apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=-1)
+        apart = pdist(x)
         if apart.min() <= ONE_PLACE * apart.max():
-            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in pairs)
+            first, second = (self.layout.names[rows[np.argmin(apart)]] for rows in np.triu_indices(N, 1))
             raise InputError(f"microphones {first} and {second} coincide", "move one or leave it out", key="layout")
         check(self, names={"snr_db": "snr", "band": "frequencies", "reverberation_time": "rt60"})
         if room is not None and len(room) not in (2, 3):

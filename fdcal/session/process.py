@@ -4,8 +4,6 @@ The matrices of the solvers are small and their own threads share the work by mo
 than they save, most of all beside another process. Importing fdcal changes nothing.
 """
 
-from __future__ import annotations
-
 import contextlib
 import signal
 import threading

@@ -159,8 +159,7 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
     if wanted != count and extra and wanted > regular:
         extra = wanted - regular
     elif wanted != count:
-        part = wanted / count
-        shape = tuple(max(2, round(side * math.sqrt(part))) for side in shape)
+        shape = tuple(max(2, round(side * math.sqrt(wanted / count))) for side in shape)
         extra = max(1, wanted - math.prod(shape)) if extra else 0
     return replace(array, size=size, shape=shape, random=extra)
 

@@ -77,8 +77,7 @@ class StateCosts:
         """Return the states whose cost is to be computed when the solver is paused, the last first."""
         if self._reference_cost is None:
             return []
-        stride = max(1, len(states) // MAX_FILLED)
-        return [state for state in states[::-1][::stride] if not self.knows(state)]
+        return [state for state in states[::-1][:: max(1, len(states) // MAX_FILLED)] if not self.knows(state)]
 
 
 MAX_STATES = 4000  # number of states kept of a run, about 6 kB each; if there are more, every second one is dropped
@@ -138,19 +137,11 @@ class SolverRun:
     """
 
     def __init__(
-        self,
-        problem,
-        settings,
-        seed: int,
-        module,
-        states,
-        index: int | None,
-        on_change: Callable[[], None],
-        costs: StateCosts | None = None,
+        self, problem, settings, seed: int, module, states, index: int | None, on_change: Callable, costs: StateCosts
     ):
         self._problem, self._settings, self._seed = problem, settings, int(seed)
         self._module = solvers.load(settings.name) if module is None else module
-        self._on_change, self._costs = on_change, costs or StateCosts()
+        self._on_change, self._costs = on_change, costs
         self._states = list(states) or [self._module.init(problem, settings, self._seed)]
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
@@ -307,18 +298,10 @@ class Session:
     """
 
     def __init__(
-        self,
-        problem,
-        settings,
-        seed: int,
-        module=None,
-        states=(),
-        index: int | None = None,
-        reference_cost: Callable[..., float] | None = None,
-        yield_time: float = YIELD_TIME,
+        self, problem, settings, seed: int, module=None, states=(), index: int | None = None, reference_cost=None
     ):
         self._commands: queue.SimpleQueue[tuple | None] = queue.SimpleQueue()  # None ends the thread
-        self._yield_time, self._yield_from, self._yield_to = yield_time, 0.0, 0.0  # s, readings of `time.monotonic`
+        self._yield_from, self._yield_to = 0.0, 0.0  # s, readings of `time.monotonic`
         self._changed, self.notify = threading.Condition(), lambda: None
         self._stepped = 0.0  # `time.monotonic` at the last step
         self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
@@ -340,13 +323,13 @@ class Session:
         return min(self._run.spent.copy())
 
     def yield_to_ui(self) -> None:
-        """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
+        """Begin no step for YIELD_TIME seconds, so that the user interface can respond to the user.
 
         Continuous requests slow the run down to one step in twice that time, but do not stop it.
         """
         now = time.monotonic()
         self._yield_from = now if now > self._yield_to else self._yield_from
-        self._yield_to = now + self._yield_time
+        self._yield_to = now + YIELD_TIME
 
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
@@ -396,7 +379,7 @@ class Session:
     @property
     def _no_step_before(self) -> float:
         """Time, as of `time.monotonic`, until which the solver takes no step, for the sake of the user interface."""
-        return min(self._yield_to, self._yield_from + 2 * self._yield_time)
+        return min(self._yield_to, self._yield_from + 2 * YIELD_TIME)
 
     def _pending(self) -> list[tuple | None]:
         """Return the commands that wait, without those that a later one replaces.

@@ -105,8 +105,7 @@ def kept_states(run, index: int | None) -> list[int]:
     max_count = min(MAX_STATES, max(2, WRITTEN_BYTES // largest))
     if len(run) <= max_count:
         return list(range(len(run)))
-    even = evenly_spaced(len(run), max_count - 1).tolist()
-    return sorted({*even, len(run) - 1 if index is None else index})
+    return sorted({*evenly_spaced(len(run), max_count - 1).tolist(), len(run) - 1 if index is None else index})
 
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers

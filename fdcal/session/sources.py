@@ -4,8 +4,6 @@
 describes what a page is opened with: a scene, perhaps changed, and the states with which its session begins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path

@@ -7,8 +7,6 @@ The terms of the cost at the nodes (`fdcal.cost.maps`) take most of the time of 
 space. They are kept until microphone, modes or positions change, so that another scale does not compute them again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import get_args
@@ -64,7 +62,7 @@ class CostMapRequest:
     state: RunState = field(compare=False)  # of the solver
     lineage: object = field(compare=False)  # of the history that the state belongs to
 
-    def replaces(self, wanted: CostMapRequest, running: bool) -> bool:
+    def replaces(self, wanted: "CostMapRequest", running: bool) -> bool:
         """Return whether this map may be shown in place of `wanted`; while the solver runs, it may be an older one."""
         if self == wanted or not running:
             return self == wanted
@@ -130,15 +128,11 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
     """
     if order_offset is None or run.problem.search is None:
         return tuple(range(1, last + 1))
-    carried = expansion_of(run.problem, order_offset).carried.modes + 1
-    return tuple(int(mode) for mode in carried if mode <= last)
+    return tuple(int(mode) for mode in expansion_of(run.problem, order_offset).carried.modes + 1 if mode <= last)
 
 
 def fine_maps(
-    run: PreparedRun,
-    request: CostMapRequest,
-    cancelled: Callable[[], bool] = lambda: False,
-    kept: Collection[int] = (),
+    run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, kept: Collection[int] = ()
 ) -> tuple[list[Reals], Reals, Search] | None:
     """Return maps of single modes and their sum on a lattice as fine as the screen, with it; None once cancelled.
 
@@ -315,8 +309,7 @@ class CostMapWorker:
             return self._volume(request, False)
         run, n, modes, offset = self._run, request.microphone, request.modes, request.order_offset
         search = run.problem.search
-        if search is None:
-            raise ValueError("a map needs a search domain")  # without one the page requests no map
+        assert search is not None  # otherwise the page requests no map
         if request.style.kind == "shape":
             state, shown = request.state, modes if len(modes) <= MAX_WAVES else modes[-1:]
             names = [(mode, row_label(run.measurement, mode)) for mode in shown]

@@ -19,7 +19,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from typing import Any
 
 import numpy as np
 import viser
@@ -44,107 +43,6 @@ FIXED = 0.9  # of microphones that cannot be dragged, so that a finger more easi
 BALL = 1.6  # of the ball, which users drag most
 SPECK = 1e-3  # of handles that no pointer can hit: those in the corners of the search domain, and all at first
 HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
-
-
-Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ended
-
-
-class MicrophonePicker:
-    """Owns the handles. With Shift a microphone stays where it is released.
-
-    `picture` determines the extent of the search domain and the size of the markers. `select` is called with the number
-    of a microphone that was clicked; `move` with the number of one that is dragged, its place, metres, the number of
-    the gesture, and whether it was released; `place` likewise, if Shift is pressed. `name` is that of the node of the
-    handles, a new one for each instance.
-    """
-
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        binding: Binding,
-        picture: Picture,
-        select: Callable[[int], None],
-        move: Move,
-        place: Move,
-        name: str = "/picking",
-    ):
-        self._binding, self._picture = binding, picture
-        self._count, self._marker = binding.measurement.count, picture.marker_radius
-        self._movable = ~np.isin(np.arange(self._count), binding.run.problem.known)  # a known microphone stays
-        self._gestures = itertools.count()
-        self._gesture: dict[int, int] = {}  # number of the gesture of each page on which a microphone is dragged
-        self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # the last move of each of these pages
-        x0, y0, x1, y1 = picture.focus
-        edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
-        z0, z1 = picture.z_range
-        self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
-        # The browser looks for handles only inside the box that they spanned at first. Handles in the corners of the
-        # search domain make this box large enough.
-        corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
-        self._shown, self._sizes = np.concatenate([np.tile(corners[0], (self._count, 1)), corners]), np.zeros(0)
-        vertices, faces = annuli(np.zeros((1, 3)), HANDLE_RADIUS * self._marker / 2, HANDLE_RADIUS * self._marker, 12)
-        self.handles = handles = server.scene.add_batched_meshes_simple(
-            name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (len(self._shown), 1)), self._shown,
-            batched_scales=np.full(len(self._shown), SPECK),
-            opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
-
-        @handles.on_click
-        async def _(event) -> None:
-            if event.instance_index in range(self._count):
-                select(event.instance_index)
-
-        async def drag(move: Move, event) -> None:
-            self._drag(event, move)
-
-        handles.on_drag("left")(partial(drag, move))
-        handles.on_drag("left", modifier="shift")(partial(drag, place))
-
-    def _drag(self, event, move: Move) -> None:
-        """Move a microphone to the point of the line of sight at its height, within the search domain."""
-        if event.phase == "start":
-            self._gesture[event.client_id] = next(self._gestures)
-        index, gesture = event.instance_index, self._gesture.get(event.client_id)
-        if gesture is None or index not in range(self._count) or not self._movable[index]:
-            return
-        eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        level, sight = float(self._shown[index, 2]), point - eye
-        # A line of sight that does not go downwards never meets the height of the microphone. A busy page reports NaN.
-        if level < eye[2] and sight[2] < -1e-9 * np.linalg.norm(sight):
-            place = (eye + sight * ((level - eye[2]) / sight[2]))[:2]
-            place = np.clip(place, self._low[:2], self._high[:2])
-            self._last[event.client_id] = move, index, place
-            if event.phase != "end":
-                move(index, place, gesture, False)
-        if event.phase == "end":
-            self.forget(event.client_id)
-
-    def forget(self, client_id: int) -> None:
-        """Release the microphone that a page drags at its last place: its pointer was released, or the page closed."""
-        gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
-        if gesture is not None and last is not None:
-            move, index, place = last
-            move(index, place, gesture, True)
-
-    def show(self, positions, floor: Floor | None, ball: int | None = None) -> None:
-        """Move the handles to the estimated positions; called by the main loop.
-
-        `positions` (N, D) float64, metres; `floor`: the map, or None; `ball`: the microphone that is drawn as a ball,
-        or None.
-        """
-        places, sizes = self._shown.copy(), np.full(len(self._shown), SPECK)
-        points = drape(positions, floor, self._marker)
-        points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
-        places[: self._count] = points + [0.0, 0.0, HANDLE_HEIGHT * self._marker]
-        sizes[: self._count] = np.where(self._movable, 1.0, FIXED)
-        if ball is not None:
-            places[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
-        if not np.array_equal(self._sizes, sizes):
-            self._sizes = sizes
-            self.handles.batched_scales = sizes.astype(np.float32)
-        if not np.array_equal(self._shown, places):
-            self._shown = places
-            self.handles.batched_positions = places.astype(np.float32)
 
 
 ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
@@ -200,12 +98,11 @@ class MovingMicrophone:
 class Drop:
     """Owns the drag, the thread of the paths, and the numbers of tries and of those that reached the true position.
 
-    `overlay` shows words on the canvas; `tabs` are those of the session and are set later.
+    `overlay` shows words on the canvas.
     """
 
     def __init__(self, binding: Binding, overlay: Overlay):
         self._binding, self._overlay = binding, overlay
-        self.tabs: Any = None  # Tabs
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
         self._requested: tuple[Drag, CostMap] | None = None
@@ -217,7 +114,7 @@ class Drop:
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
-        overlay.on(CONTINUE, lambda client, value: self.tabs.run_bar.toggle())
+        overlay.on(CONTINUE, lambda client, value: binding.tabs.run_bar.toggle())
         overlay.on("dismiss", lambda client, value: overlay.show("words", ""))
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
@@ -230,9 +127,9 @@ class Drop:
         if current is None:
             binding.session.pause()
             if binding.choices.follow or binding.choices.microphone != microphone:
-                self.tabs.map.pick(microphone)
+                binding.tabs.map.pick(microphone)
         at = tuple(float(x) for x in place)
-        here = binding.positions[microphone] if current is None else current.place
+        here = current.place if current else binding.frame.positions(binding.session.view.state.positions)[microphone]
         at += tuple(float(x) for x in here[len(at) :])  # the height stays if the pointer gives none
         self._drag = Drag(microphone, at, gesture, released)
         binding.choose()
@@ -350,3 +247,94 @@ class Drop:
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # a layer must have its height
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
+
+
+NUMBERS = itertools.count()  # of the nodes of the handles, each of which has its own name
+Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ended
+
+
+class MicrophonePicker:
+    """Owns the handles. With Shift a microphone stays where it is released.
+
+    `picture` determines the extent of the search domain and the size of the markers. `drop` gets each microphone that
+    is dragged.
+    """
+
+    def __init__(self, server: viser.ViserServer, binding: Binding, picture: Picture, drop: Drop):
+        self._binding, self._picture = binding, picture
+        self._count, self._marker = binding.measurement.count, picture.marker_radius
+        self._movable = ~np.isin(np.arange(self._count), binding.run.problem.known)  # a known microphone stays
+        self._gestures = itertools.count()
+        self._gesture: dict[int, int] = {}  # number of the gesture of each page on which a microphone is dragged
+        self._last: dict[int, tuple[Move, int, np.ndarray]] = {}  # the last move of each of these pages
+        x0, y0, x1, y1 = picture.focus
+        edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
+        z0, z1 = picture.z_range
+        self._low, self._high = np.array([x0 + edge, y0 + edge, z0]), np.array([x1 - edge, y1 - edge, z1])
+        # The browser looks for handles only inside the box that they spanned at first. Handles in the corners of the
+        # search domain make this box large enough.
+        corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
+        self._shown = np.concatenate([np.tile(corners[0], (self._count, 1)), corners])
+        vertices, faces = annuli(np.zeros((1, 3)), HANDLE_RADIUS * self._marker / 2, HANDLE_RADIUS * self._marker, 12)
+        self.handles = handles = server.scene.add_batched_meshes_simple(
+            f"/picking/{next(NUMBERS)}", vertices, faces,
+            np.tile([1.0, 0.0, 0.0, 0.0], (len(self._shown), 1)), self._shown,
+            batched_scales=np.full(len(self._shown), SPECK), opacity=0.0, side="double", lod="off",
+            cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+        @handles.on_click
+        async def _(event) -> None:
+            if event.instance_index in range(self._count):
+                binding.tabs.map.pick(event.instance_index)
+
+        async def drag(move: Move, event) -> None:
+            self._drag(event, move)
+
+        handles.on_drag("left")(partial(drag, drop.move))
+        handles.on_drag("left", modifier="shift")(partial(drag, drop.place))
+
+    def _drag(self, event, move: Move) -> None:
+        """Move a microphone to the point of the line of sight at its height, within the search domain."""
+        if event.phase == "start":
+            self._gesture[event.client_id] = next(self._gestures)
+        index, gesture = event.instance_index, self._gesture.get(event.client_id)
+        if gesture is None or index not in range(self._count) or not self._movable[index]:
+            return
+        eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
+        level, sight = float(self._shown[index, 2]), point - eye
+        # A line of sight that does not go downwards never meets the height of the microphone. A busy page reports NaN.
+        if level < eye[2] and sight[2] < -1e-9 * np.linalg.norm(sight):
+            place = (eye + sight * ((level - eye[2]) / sight[2]))[:2]
+            place = np.clip(place, self._low[:2], self._high[:2])
+            self._last[event.client_id] = move, index, place
+            if event.phase != "end":
+                move(index, place, gesture, False)
+        if event.phase == "end":
+            self.forget(event.client_id)
+
+    def forget(self, client_id: int) -> None:
+        """Release the microphone that a page drags at its last place: its pointer was released, or the page closed."""
+        gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
+        if gesture is not None and last is not None:
+            move, index, place = last
+            move(index, place, gesture, True)
+
+    def show(self, positions, floor: Floor | None, ball: int | None = None) -> None:
+        """Move the handles to the estimated positions; called by the main loop.
+
+        `positions` (N, D) float64, metres; `floor`: the map, or None; `ball`: the microphone that is drawn as a ball,
+        or None.
+        """
+        places, sizes = self._shown.copy(), np.full(len(self._shown), SPECK)
+        points = drape(positions, floor, self._marker)
+        points = points if points.shape[1] == 3 else lift(points, self._picture.z_range[0])
+        places[: self._count] = points + [0.0, 0.0, HANDLE_HEIGHT * self._marker]
+        sizes[: self._count] = np.where(self._movable, 1.0, FIXED)
+        if ball is not None:
+            places[ball], sizes[ball] = ball_centre(self._picture, positions[ball], floor), BALL
+        self._shown = places
+        self.handles.batched_scales, self.handles.batched_positions = (
+            sizes.astype(np.float32),
+            places.astype(np.float32),
+        )

@@ -186,8 +186,7 @@ def drawing(points: np.ndarray) -> str:
     """Return an array seen from above as SVG: `points` (N, 2), metres."""
     low, extent = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
     span, radius = THUMB - 2 * MARGIN, max(DOT / np.sqrt(len(points)), 0.9)
-    offset = (extent - np.ptp(points, axis=0)) / 2
-    places = MARGIN + span * (points - low + offset) / extent
+    places = MARGIN + span * (points - low + (extent - np.ptp(points, axis=0)) / 2) / extent
     dots = "".join(f"<circle cx='{x:.1f}' cy='{THUMB - y:.1f}' r='{radius:.2f}'/>" for x, y in places)
     return f"<svg viewBox='0 0 {THUMB} {THUMB}' aria-hidden='true'>{dots}</svg>"
 
@@ -367,7 +366,4 @@ class Explore:
             for kind in SHARED
         )
         share += f"<div class='dim'>{LINK}</div>"
-        return "".join(
-            f"<div class='{name}'>{part}</div>"
-            for name, part in (("scenes", scenes), ("lessons", lessons), ("share", share))
-        )
+        return f"<div class='scenes'>{scenes}</div><div class='lessons'>{lessons}</div><div class='share'>{share}</div>"

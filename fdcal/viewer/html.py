@@ -108,10 +108,7 @@ def status(
         + f"<br>{DIM}{compared}</span>" * bool(compared),
         "Cost": cost.replace(" (", f" {DIM}(") + "</span>",
     }
-    cells = "".join(
-        f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
-        for name, text in rows.items()
-    )
+    cells = "".join(f"<tr><td>{name}</td><td>{text}</td></tr>" for name, text in rows.items())
     faults = [view.error[:MAX_ERROR_LENGTH]] if view.error else []
     faults += [f"The page could not be updated: {fault[:MAX_ERROR_LENGTH]}"] if fault else []
     lines = "".join(
@@ -122,9 +119,7 @@ def status(
     if word == "Ended" and found is not None:
         lines += f"<div style='opacity: 0.65'>{words.STEP_LEFT.capitalize()}.</div>"
     head = f"<div style='font-size: var(--head); font-weight: 600'>{word}</div>"
-    return (
-        f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
-    )
+    return f"<div class='fdcal-status'>{head}{lines}<table>{cells}</table></div>"
 
 
 # Colours of the verdict on a light and on a dark page: good; good except for faulty channels; not good.
@@ -132,7 +127,6 @@ GOOD, FAULTY, DOUBTFUL = (
     "light-dark(#1a7f37, #4cc26b)", "light-dark(#0b6aa8, #58b4f0)", "light-dark(#c2410c, #fb923c)"
 )  # fmt: skip
 GREY, PENDING = "#808894", "Assessing the result ..."
-VERDICT_LINES = 3  # height of the verdict
 
 
 def verdict_html(found: Assessment | None, pending: bool = False) -> str:
@@ -149,26 +143,18 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
         text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
         figures = words.prediction_words(found.evidence.leave_one_out_db)
         text = f"<div style='color: {colour}'>{text}</div><div style='opacity: 0.85'>{figures}</div>"
-    box = f"border-left: 4px solid {colour}; padding-left: 0.6em; overflow-y: auto"
-    return (
-        f"<div style='{CARD} font-size: var(--note); line-height: 1.35; padding-bottom: 0.5em'>"
-        f"<div class='fdcal-verdict' style='{box}; height: {1.35 * VERDICT_LINES:.2f}em'>{text}</div></div>"
-    )
+    return f"<div class='fdcal-verdict' style='border-color: {colour}'>{text}</div>"
 
 
 def legend(marks: Iterable[Mark]) -> str:
     """Return the marks of a legend, each with its symbol and its word."""
-    return f"<div style='{CARD}'>{drawings_html({escape(mark.text): symbol_svg(mark) for mark in marks})}</div>"
+    return drawings_html({escape(mark.text): symbol_svg(mark) for mark in marks})
 
 
 def drawings_html(marks: dict[str, str]) -> str:
     """Return drawings of EDGE by EDGE pixels, whose size follows the text, each with its name."""
-    size = "width: 1.4em; height: 1.4em; vertical-align: -0.35em"
-    return "".join(
-        "<span style='white-space: nowrap; margin-right: 1.1em; display: inline-block'>"
-        f"<svg viewBox='0 0 {EDGE} {EDGE}' style='{size}'>{mark}</svg> {name}</span>"
-        for name, mark in marks.items()
-    )
+    spans = (f"<span><svg viewBox='0 0 {EDGE} {EDGE}'>{mark}</svg> {name}</span>" for name, mark in marks.items())
+    return f"<div class='fdcal-marks' style='{CARD}'>{''.join(spans)}</div>"
 
 
 # Words of Explore for those of Expert.
@@ -194,19 +180,10 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
     scale, advice = "", f"<p>{of_both_faces(hint)}</p>" if hint else ""
     if bar is not None:
         gradient = ", ".join(css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
-        ticks = "".join(
-            f"<div style='position: absolute; left: {100 * fraction:.2f}%; transform: translateX(-50%);"
-            " text-align: center; line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto;"
-            f" background: currentColor'></div>{text}</div>"
-            for fraction, text in bar.ticks
-        )
-        layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2"
-        scale = (
-            f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1; min-width: 150px'>"
-            f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
-            f"<div style='position: relative; height: 1.7em'>{ticks}</div></div>"
-            f"<div style='opacity: 0.85; text-align: center'>{of_both_faces(bar.label)}</div></div>"
-        )
+        ticks = "".join(f"<div style='left: {100 * at:.2f}%'><div></div>{text}</div>" for at, text in bar.ticks)
+        colours = f"<div class='colours' style='background: linear-gradient(to right, {gradient})'></div>"
+        scale = f"<div>{colours}<div class='ticks'>{ticks}</div></div><div>{of_both_faces(bar.label)}</div>"
+        scale = f"<div class='fdcal-scale'>{scale}</div>"
     return f"<div class='fdcal-legend'>{advice}{scale}{legend(entries)}</div>"
 
 
@@ -239,8 +216,7 @@ class Overlay:
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""
-        if self._regions[region].content != (wanted := content(region, html)):
-            self._regions[region].content = wanted
+        self._regions[region].content = content(region, html)  # viser sends only what differs
 
     def on(self, name: str, act: Act) -> None:
         """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""

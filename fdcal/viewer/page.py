@@ -10,7 +10,6 @@ microphone (none where the map follows the solver), modes and map. Each browser 
 or Expert, belongs to one browser and is not sent to the server (`server/page.js`).
 """
 
-import collections
 import logging
 import math
 import time
@@ -31,7 +30,7 @@ from ..session.sources import OpenRequest, scene_request
 from ..session.worker import Flag, Memo
 from .explore import Explore, OwnFiles
 from .panels import Panels
-from .prepare import Preparation, SessionSwitcher, Then
+from .prepare import Preparation, SessionSwitcher
 from .scene3d import SceneNodes
 from .server import content
 from .server.client_values import MAX_COORDINATE, MIN_LENGTH
@@ -67,9 +66,10 @@ class Page:
         on_progress: Callable[[str], None] = lambda text: None,
         takes_files: bool = False,
     ):
-        self._server, self.nodes, self.wake = server, nodes, Flag()
+        self.server, self.nodes, self.wake = server, nodes, Flag()
         self._call = server.get_event_loop().call_soon_threadsafe
         self.switcher = SessionSwitcher(self._call)
+        self.open = self.switcher.open  # any thread may call this, and the last request is executed
         self.panels = Panels(server.gui, self.wake.set, self.switcher.cancel)
         self.viewer: Viewer | None = None
         self.lessons = LessonsTab(self, lessons)
@@ -79,10 +79,10 @@ class Page:
         self._first: viser.ClientHandle | None = None  # the browser that determines whether the page is dark
         self.panels.overlay.otherwise = self.carry_out
         self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
-        self.panels.overlay.on("face", lambda client, value: nodes.cameras.show_face(client, value == "expert"))
+        self.panels.overlay.on("face", nodes.cameras.show_face)
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._checked = 0.0
-        self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
+        self._release_at = math.inf  # when the memory of the last session that was replaced is released
 
         # Each browser gets a camera that fits its canvas, whose size is known only when the panels are laid out.
         @server.on_client_connect
@@ -103,13 +103,6 @@ class Page:
             if self.viewer is not None:
                 self.viewer.picker.forget(client.client_id)
 
-    def open(self, request: OpenRequest, then: Then = lambda viewer: None) -> None:
-        """Show another session as soon as it is ready; any thread may call this, and the last request is executed.
-
-        `then` is called once on viser's event loop: with the viewer of that session, or with None if it is not shown.
-        """
-        self.switcher.open(request, then)
-
     def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
         """Execute a command of the session (`Binding.commands`), if it exists; on viser's event loop."""
         if self.viewer is not None and command in self.viewer.binding.commands:
@@ -120,7 +113,7 @@ class Page:
 
         All browsers share the theme, and the first one that has connected decides.
         """
-        if client is not self._first and self._first in self._server.get_clients().values():
+        if client is not self._first and self._first in self.server.get_clients().values():
             return
         self._first, self._dark = client, dark
         if self.viewer is None:
@@ -142,7 +135,7 @@ class Page:
                 self.tick(now)
             if now - self._checked > CANVAS_INTERVAL:  # canvases change their sizes without notice
                 self._checked = now
-                self.nodes.cameras.follow_all(self._server.get_clients().values())
+                self.nodes.cameras.follow_all(self.server.get_clients().values())
             next_check = max(next_check + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
             if self.wake.wait(next_check - time.perf_counter()):
                 next_check = now + 1 / MAX_RATE
@@ -175,7 +168,7 @@ class Page:
             self.nodes.cameras.lecture = self.viewer.binding.choices.lecture
             self.nodes.cameras.caption = self.lessons.progress.lesson is not None
             self.viewer.guarded_tick(now)
-        elif self.nodes.is_empty and (current := self.switcher.current) is not None:
+        elif self.nodes.cameras.picture is None and (current := self.switcher.current) is not None:
             if current.measurement is not None:
                 self.nodes.show_room(current.request, current.measurement)
                 self.nodes.cameras.request_all("top")  # for browsers that connected before there was a picture
@@ -187,22 +180,23 @@ class Page:
                 if self._faults.get(part) != repr(error):
                     log.exception("the %s could not be updated", part)
                 self._faults[part] = repr(error)
-        self.nodes.cameras.process_requests(self._server.get_clients().values())
-        if self._releases and now > self._releases[0]:
-            while self._releases and now > self._releases[0]:
-                self._releases.popleft()
-            release_memory(self._server)
+        self.nodes.cameras.process_requests(self.server.get_clients().values())
+        if now > self._release_at:
+            self._release_at = math.inf
+            release_memory(self.server)
 
     def _replace_session(self, prepared: Preparation) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""
         old, run = self.viewer, prepared.run
         assert run is not None
         try:
-            with self._server.atomic():
+            with self.server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, run, self.panels, self.nodes, self.open, before, self.wake.set)
-                if old is not None:
-                    old.take_down()
+                new = Viewer(self, run, before)
+                if old is not None:  # its controls leave the scene
+                    old.picker.handles.remove()
+                    old.drop.close()
+                    old.binding.remove()
         except Exception as error:
             run.session.close(0.5)
             if old is None:
@@ -211,7 +205,7 @@ class Page:
             old.drawn = Memo()
             return
         self.viewer = new
-        self._server.gui.set_panel_label(f"fdcal · {run.scene.name}")
+        self.server.gui.set_panel_label(f"fdcal · {run.scene.name}")
         if old is not None:
             old.close()
         elif self._dark:
@@ -220,9 +214,9 @@ class Page:
             in_relief = old is None and new.binding.choices.kind == "relief"
             self.nodes.cameras.view = view = "close" if in_relief else "top"
             self.nodes.cameras.set_initial(new.snapshot.picture)
-            for client in self._server.get_clients().values():
+            for client in self.server.get_clients().values():
                 self.nodes.cameras.place(client, view)
-        self._releases.append(time.perf_counter() + RELEASE_DELAY)
+        self._release_at = time.perf_counter() + RELEASE_DELAY
         self._call(prepared.then, new)
 
     def _report_progress(self, text: str | None = None) -> None:

@@ -6,7 +6,6 @@ progress of a session that is prepared. `RunBar` and `SolverTab`, which run and 
 the tabs.
 """
 
-import itertools
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -32,7 +31,7 @@ from .prepare import Preparation
 from .state import RUN_BAR, Binding, PageState, Tab
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
-# The tabs have no icons, for lack of space. A tab with another name is at the right, too.
+# The tabs have no icons, for lack of space.
 RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 
 
@@ -40,14 +39,14 @@ class Panels:
     """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
 
     `line`, `bar`, `button`: progress of the session that is prepared, or why it was refused, and Cancel; `tabs`: of
-    both panels by name, and RUN_BAR, the folder above the tabs; `overlay`: regions on the canvas; `numbers`: counts the
-    sessions; `wake`: makes the main loop update the page at once; `cancel`: cancels the session that is prepared.
+    both panels by name, and RUN_BAR, the folder above the tabs; `overlay`: regions on the canvas; `wake`: makes the
+    main loop update the page at once; `cancel`: cancels the session that is prepared.
     """
 
     def __init__(
         self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None, cancel: Callable[[], None] = lambda: None
     ):
-        self.gui, self.numbers, self.overlay = gui, itertools.count(), Overlay(gui, wake)
+        self.gui, self.overlay = gui, Overlay(gui, wake)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.line, self.bar = gui.add_html("", visible=False), gui.add_progress_bar(0.0, visible=False)
@@ -55,8 +54,7 @@ class Panels:
         self.tabs: dict[str, Any] = {RUN_BAR: gui.add_folder(None)}
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
-        others = {kind.where for kind in tab_kinds()} - {RUN_BAR, *LEFT, *RIGHT}
-        self.tabs |= {name: group.add_tab(name) for name in (*RIGHT, *sorted(others))}
+        self.tabs |= {name: group.add_tab(name) for name in RIGHT}
         self.tabs |= {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
@@ -125,8 +123,7 @@ def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
     for name, (label, command) in KEYS.items():
         shift, _, key = name.rpartition("+")
         hotkey: Any = key
-        added = gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None)
-        added.on_trigger(partial(act, command))
+        gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None).on_trigger(partial(act, command))
 
 
 def help_html() -> str:
@@ -144,7 +141,8 @@ LESSON_RATE, WATCHED_RATE, WATCHED_MOVES = 1, 5, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
 QUICK_STEP = 0.004  # s; a run whose steps take longer begins with a rate that is higher by the same factor
-STEPS = ("Step", "Sweep", "Stage", "Restart")
+UNITS: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
+STEPS = (*UNITS, "Restart")
 
 
 def watched_rate(first: float, elapsed: float) -> float:
@@ -222,13 +220,12 @@ class RunBar(Tab):
 
     def press(self, label: str) -> None:
         """Carry out a button of STEPS; the map then follows the microphone that is moved."""
-        units: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
-        if label not in units:
+        if label not in UNITS:
             self._binding.tabs.solver.restart()
             return
         self._binding.tabs.follow_solver()
         self._binding.choose(follow=not self._binding.run.solver.TRAITS.moves_all)
-        self._binding.session.step(1, units[label])
+        self._binding.session.step(1, UNITS[label])
 
     def show(self, tick: PageState) -> None:
         """Bring the bar up to date; called by the main loop. A finished solver takes no single step."""
@@ -250,18 +247,15 @@ class RunBar(Tab):
         elif self._since >= 0:
             self.refresh()
         send(self.speed, self._rate if self._since < 0 else min(round(self._paced), MAX_RATE))
-        label = "Pause" if view.running else "Play"
-        if self.run.label != label:
-            self.run.label = label
-            self.run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
+        playing = "Pause", viser.Icon.PLAYER_PAUSE
+        self.run.label, self.run.icon = playing if view.running else ("Play", viser.Icon.PLAYER_PLAY)
         self.steps.options = STEPS[-1:] if done else STEPS
 
     def show_status(self, tick: PageState) -> None:
         """Bring the status lines up to date."""
         run = self._binding.run
-        sought = run.sought if tick.sought is None else tick.sought
-        left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
-        self.status.content = html.status(tick.view, run.measurement, tick.fault, sought, tick.found, left_out)
+        left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, tick.counted)]
+        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.counted, tick.found, left_out)
 
 
 MAX_SEED = 2**31 - 1
@@ -342,8 +336,7 @@ class SolverTab(Tab):
             binding.session.reset(binding.choices.seed)
             return
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
-        choices = {key: getattr(binding.choices, key) for key in KEPT_BY_METHOD}
-        more = {"choices": choices, "fewer_modes": True}
+        more = {"choices": {key: getattr(binding.choices, key) for key in KEPT_BY_METHOD}, "fewer_modes": True}
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, **more))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
@@ -417,15 +410,9 @@ class Tabs:
         binding.choose(objective=True)
         if modes is None:
             return
-        in_a_row = modes == tuple(range(modes[0], modes[-1] + 1))
-        if in_a_row and not binding.run.solver.TRAITS.moves_all:
+        if modes == tuple(range(modes[0], modes[-1] + 1)) and not binding.run.solver.TRAITS.moves_all:
             self.solver.use_modes(modes[0], modes[-1])
         self.map.choose_modes(None)
-
-    def refresh(self) -> None:
-        """Let everything follow the values of the controls, after a program has set them."""
-        for tab in self:
-            tab.refresh()
 
     def show(self, tick: PageState) -> None:
         """Bring everything up to date; called by the main loop."""

@@ -9,8 +9,6 @@ viser draws a text in black on a white box, in a size that depends on the room. 
 the page, outlined, and leaves out texts that would overlap one of higher priority.
 """
 
-from __future__ import annotations
-
 import collections
 import contextlib
 import itertools
@@ -26,6 +24,7 @@ import viser
 
 from ..acoustics.measure import load_cached_measurement
 from ..graphics.camera import Camera, camera_for
+from ..graphics.glyphs import grid_faces
 from ..graphics.heatmap import relief_grid
 from ..graphics.picture import static_picture
 from ..graphics.primitives import Floor, Label, Lines, Mesh, Picture, Surface, Theme, by_rank
@@ -124,9 +123,9 @@ class Cameras:
             if isinstance(view, str) or number in view:
                 self.request(client, view if isinstance(view, str) else view[number])
 
-    def show_face(self, client: viser.ClientHandle, expert: bool) -> None:
-        """Adapt the camera to a page that shows the panels, or the bar; on viser's event loop."""
-        self._pages[client.client_id].expert = expert
+    def show_face(self, client: viser.ClientHandle, face: str) -> None:
+        """Adapt the camera to a page that shows the panels, "expert", or the bar; on viser's event loop."""
+        self._pages[client.client_id].expert = face == "expert"
         self.request(client)
 
     def process_requests(self, clients) -> None:
@@ -215,8 +214,7 @@ class Cameras:
             if page.camera is None:
                 self.place(client, page.view)
             elif self._fitted(page, camera, page.view) != page.fitted or not is_at(camera, page.camera):
-                before = (VISER_START, *page.positions)
-                if any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in before):
+                if any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in (VISER_START, *page.positions)):
                     self.place(client, page.view)
             if check is not None:
                 # While the panels move, a page may report the old size of its canvas. An invisible change of the field
@@ -278,24 +276,21 @@ def labels_html(labels: Iterable[Label], theme: Theme) -> str:
     return "".join(elements)
 
 
-def relief_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
+def relief_of(floor: Floor, heights: np.ndarray) -> "trimesh.Trimesh":
     """Return a map in relief as a surface through the centres of its pixels, extended to the edges of the map.
 
     `heights` (ny, nx) float32, metres above the map's own height.
     """
     grid = relief_grid(floor, heights)
-    ny, nx = grid.shape[:2]
     vertices = grid.reshape(-1, 3)
     u, v = (
         np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # beyond, the other edge of the texture mixes in
         for places, low, size, count in zip(vertices.T[:2], floor.origin, floor.size, heights.shape[::-1], strict=True)
     )
-    corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
-    return textured(vertices, faces, np.column_stack([u, v]), floor.rgb)
+    return textured(vertices, grid_faces(*grid.shape[:2]), np.column_stack([u, v]), floor.rgb)
 
 
-def textured(vertices, faces, places, image: np.ndarray, **material: Any) -> trimesh.Trimesh:
+def textured(vertices, faces, places, image: np.ndarray, **material: Any) -> "trimesh.Trimesh":
     """Return a surface with the colours of `image`, whose material does not reflect anything.
 
     `places` (V, 2): positions of the vertices in the image, from 0 to 1.
@@ -318,7 +313,7 @@ Part = Lines | Mesh | Floor | Surface
 class SceneNodes:
     """Owns the nodes of one scene, which all pages share.
 
-    `cameras`: of the pages; `parts`: the primitives in the scene, by name; `is_empty`: whether nothing has been shown.
+    `cameras`: of the pages; `parts`: the primitives in the scene, by name.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -331,7 +326,7 @@ class SceneNodes:
         self._labels = server.gui.add_html(content("labels"), visible=False)
         # Its x counts the changes of the texts: a page shows a text when it has drawn the scene that belongs to it.
         self._labelled = server.scene.add_frame("/labelled", show_axes=False)
-        self._texts, self.is_empty = "", True
+        self._texts = ""
         self._numbers = itertools.count()
         self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and node that another replaces
         self.cameras = Cameras(server)
@@ -344,7 +339,7 @@ class SceneNodes:
             # No node may have this name as a prefix: viser would move it, too. A page keeps the position of a node for
             # the next node of the same name, so that a relief, which has no position, needs another name.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
-        self.is_empty, self.cameras.picture = False, picture
+        self.cameras.picture = picture
         texts = labels_html(picture.labels, picture.theme)
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
@@ -383,8 +378,7 @@ class SceneNodes:
                 return scene.add_line_segments(
                     name, part.segments, part.colour, thickness=part.width, thickness_units="screen"
                 )
-            if not np.array_equal(old.segments, part.segments):
-                handle.points = part.segments
+            handle.points = part.segments
             return handle
         if isinstance(part, Surface):
             vertices, faces, places = part.vertices, part.faces, part.places
@@ -402,15 +396,14 @@ class SceneNodes:
             )  # fmt: skip
         same_style = isinstance(old, Mesh) and (old.colour, old.opacity) == (part.colour, part.opacity)
         if isinstance(old, Mesh) and same_style and np.array_equal(old.faces, part.faces):
-            if not np.array_equal(old.vertices, part.vertices):
-                handle.vertices = part.vertices
+            handle.vertices = part.vertices
             return handle
         return scene.add_mesh_simple(
             name, part.vertices, part.faces, color=part.colour, opacity=part.opacity if part.opacity < 1 else None,
             side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def _send_late(self, name: str, handle: Any, surface: trimesh.Trimesh) -> Any:
+    def _send_late(self, name: str, handle: Any, surface: "trimesh.Trimesh") -> Any:
         """Create the node of a surface; the one that it replaces stays until pages have drawn the new one."""
         if handle is not None:
             self._replaced.append((name.removeprefix("/"), None, handle))

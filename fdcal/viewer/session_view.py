@@ -6,18 +6,15 @@ session's queue, the solver thread publishes frozen states, and the main thread 
 
 import contextlib
 import logging
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..assessment.words import count_label
-from ..graphics import picture as overlays
-from ..graphics.picture import static_picture, with_estimate, with_floor
+from ..graphics import picture as pictures
 from ..graphics.primitives import Picture
 from ..graphics.snapshot import legend_of
 from ..graphics.volume import brightened
@@ -26,15 +23,14 @@ from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
 from ..session.session import SessionView
-from ..session.sources import CalibrationInput, OpenRequest
+from ..session.sources import CalibrationInput
 from ..session.worker import Memo, Scheduler
 from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker
 from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
-from .panels import Panels, Tabs
+from .panels import Tabs
 from .prepare import DisplayFrame, PreparedRun
-from .scene3d import SceneNodes
 from .state import Binding, Choices, PageState
 
 
@@ -70,21 +66,19 @@ class VerdictWorker:
         The assessment is None before the end of a run. The last are the numbers of the microphones that are sought,
         without those whose channels the last assessment of this run found faulty. `now`: time, s.
         """
-        state, found = view.state, None
+        state = view.state
         if state is not self._state:
             self._state, self._since = state, now
-        idle = now - self._since > VERDICT_DELAY and not view.running
-        if state.finished and idle and state is not self._requested:
+        if state.finished and now - self._since > VERDICT_DELAY and not view.running and state is not self._requested:
             self._requested = state
             self._worker.request(state)
         latest = self._worker.latest
-        if latest is not None and latest.request[0] is state:
-            found = latest.result
+        latest = None if latest is None or latest.request[0] is not state else latest
+        found = None if latest is None else latest.result
         if found is not None or view.lineage is not self._lineage:
             self._lineage = view.lineage
             self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
-        failed = latest is not None and latest.request[0] is state and found is None
-        return found, found is None and state.finished and not view.running and not failed, self._sought
+        return found, latest is None and state.finished and not view.running, self._sought
 
     def _compute(self, state: RunState) -> Assessment:
         run = self._run
@@ -126,30 +120,30 @@ class SessionPicture:
         scene, measurement = self._run.known_scene, self._measurement
         relief = None if floor is None or floor.heights is None else floor  # on which the true microphones stand
         look = choices.dark, relief, choices.lecture
-        static = self._static(lambda: static_picture(scene, measurement, *look), *look)
+        static = self._static(lambda: pictures.static_picture(scene, measurement, *look), *look)
         truth = self._run.drawn_truth(positions)
-        picture = with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
-        picture = overlays.with_volume(with_floor(picture, floor), volume)
+        picture = pictures.with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
+        picture = pictures.with_volume(pictures.with_floor(picture, floor), volume)
         if moving is not None and moving.microphone == microphone:
             self.ball = microphone
-            picture = overlays.with_ball(picture, moving.place, floor, moving.path, moving.text)
+            picture = pictures.with_ball(picture, moving.place, floor, moving.path, moving.text)
         elif (floor or volume) and microphone not in self._run.problem.known:
             self.ball = microphone
-            picture = overlays.with_ball(picture, positions[microphone], floor)
+            picture = pictures.with_ball(picture, positions[microphone], floor)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             paths = np.array([self._frame.positions(state.positions) for state in past])
-            picture = overlays.with_trails(picture, paths, floor)
+            picture = pictures.with_trails(picture, paths, floor)
         faults = () if found is None or found.channels is None else found.channels.faults
         faulty = [measurement.names.index(fault.name) for fault in faults]
         if choices.ellipses and found is not None and axes is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
             healthy = np.setdiff1d(every := np.arange(len(axes)), [*self._run.problem.known, *faulty])
             sigma = root_mean_square(found.uncertainty[healthy if len(healthy) else every])  # as the verdict has it
-            note, scale = f"one sigma {length_text(sigma, 2)}", overlays.ellipse_scale(axes, extent)
-            picture = overlays.with_ellipses(picture, positions, axes, floor, scale, note)
+            note, scale = f"one sigma {length_text(sigma, 2)}", pictures.ellipse_scale(axes, extent)
+            picture = pictures.with_ellipses(picture, positions, axes, floor, scale, note)
         if axes is not None:
-            picture = overlays.with_faulty_channels(picture, positions, faulty, floor)
+            picture = pictures.with_faulty_channels(picture, positions, faulty, floor)
         return picture
 
 
@@ -164,29 +158,19 @@ log = logging.getLogger(__name__)
 class Viewer:
     """Owns the controls, the background threads and the picture of one session.
 
-    `panels` hold the controls, and `nodes` show the picture. `open_other` opens another session in place of this one;
-    `before` are the choices of the session that was shown before, or None; `wake` makes the main loop update the page
-    at once. InputError if the request of the run has choices that are not possible.
+    The panels of `page` hold the controls, and its nodes show the picture; `before` are the choices of the session that
+    was shown before, or None. InputError if the request of the run has choices that are not possible.
 
     `view` has the states that are shown; `snapshot` is the state of the page on the screen; `drawn` keeps the picture
     until something changes; `found` is the assessment of the state, or None; `wanted` is the map that belongs to the
     state, or None; `fault` is the last exception of the page, as long as the status lines show it.
     """
 
-    def __init__(
-        self,
-        server: viser.ViserServer,
-        run: PreparedRun,
-        panels: Panels,
-        nodes: SceneNodes,
-        open_other: Callable[[OpenRequest], None] = lambda request: None,
-        before: Choices | None = None,
-        wake: Callable[[], None] = lambda: None,
-    ):
-        self.run, self.nodes, self._panels, self._server = run, nodes, panels, server
+    def __init__(self, page: Any, run: PreparedRun, before: Choices | None = None):
+        self.run, self._page, self._server, panels = run, page, page.server, page.panels
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
-        call = server.get_event_loop().call_soon_threadsafe
-        self.binding = Binding(panels.gui, run, modes, open_other, before, wake, call)
+        call = self._server.get_event_loop().call_soon_threadsafe
+        self.binding = Binding(panels.gui, run, modes, page.open, before, page.wake.set, call)
         self.fault, self._fault_time = "", 0.0
         self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # the view, its time, and its number of costs
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
@@ -206,13 +190,11 @@ class Viewer:
             # This order is the priority of their work on the threads.
             self.drop = Drop(binding, panels.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
-            self.tabs = Tabs(panels, binding, nodes.cameras.request)
-            self.drop.tabs = self.tabs
+            self.tabs = Tabs(panels, binding, page.nodes.cameras.request)
             self.tabs.run_bar.refresh()
-            nodes.show(picture)
-            moves = self.tabs.map.pick, self.drop.move, self.drop.place
-            self.picker = MicrophonePicker(server, binding, picture, *moves, f"/picking/{next(panels.numbers)}")
-            binding.threads.session, run.session.notify = run.session, wake
+            page.nodes.show(picture)
+            self.picker = MicrophonePicker(self._server, binding, picture, self.drop)
+            binding.threads.session, run.session.notify = run.session, page.wake.set
         except BaseException:
             self.binding.remove()
             self.binding.threads.close(0.0)
@@ -224,12 +206,6 @@ class Viewer:
         view = self.run.session.view
         outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
         return outdated or view.running or self.tabs.sweep.playing is not None
-
-    def take_down(self) -> None:
-        """Remove the controls of this session; another session takes its place in the scene."""
-        self.picker.handles.remove()
-        self.drop.close()
-        self.binding.remove()
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait at most `timeout`, s."""
@@ -245,7 +221,7 @@ class Viewer:
                 log.exception("the page could not be updated")
             self.fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
-                self.tabs.run_bar.show_status(PageState(self.run.session.view, fault=text))
+                self.tabs.run_bar.show_status(PageState(self.run.session.view, fault=text, run=self.run))
         else:
             if now - self._fault_time > FAULT_TIME:
                 self.fault = ""
@@ -292,9 +268,9 @@ class Viewer:
 
         def draw() -> Picture:
             picture = self._picture.draw(state, moving)
-            self.nodes.show(picture)
+            self._page.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
-            self._panels.overlay.show("legend", legend)
+            self._page.panels.overlay.show("legend", legend)
             self.picker.show(self._picture.places, picture.floor, self._picture.ball)
             return picture
 

@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partialmethod
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 import viser
@@ -24,7 +24,7 @@ from ..cost.eq7 import ORDER_OFFSET
 from ..graphics.picture import z_range_of
 from ..model.address import Map
 from ..model.measurement import Measurement
-from ..model.validation import InputError, Reals, convert, require_choice, within
+from ..model.validation import InputError, convert, require_choice, within
 from ..session.calibration_run import Assessment
 from ..session.lesson import MAX_ORDER_OFFSET
 from ..session.session import SessionView
@@ -170,9 +170,6 @@ class PageState:
         return self.run.sought if self.sought is None else self.sought
 
 
-Control = TypeVar("Control")
-
-
 RUN_BAR = "run bar"  # in place of the name of a tab: the controls above all tabs
 
 
@@ -247,7 +244,7 @@ class Binding:
         self.tabs: Any = None
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
 
-    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False, command: str = "") -> Control:
+    def on(self, handle: Any, act: Callable[..., object], of_client: bool = False, command: str = "") -> Any:
         """Call `act(value)` when a client has changed a control, but not when this program has; return the control.
 
         `of_client`: whether `act(client, value)` is called instead; `command`: name of the control in `commands`.
@@ -266,10 +263,9 @@ class Binding:
             if event.client is not None:
                 answer(event.client, event.target.value)
 
-        control: Any = handle
         if command:
-            self.commands[command] = control, answer
-        (control.on_click if hasattr(control, "on_click") else control.on_update)(respond)
+            self.commands[command] = handle, answer
+        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(respond)
         return handle
 
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
@@ -281,9 +277,8 @@ class Binding:
         options, value = getattr(handle, "options", None), getattr(handle, "value", None)
         pressed, shift = hasattr(handle, "on_click"), int(text) if text in ("+1", "-1") else 0
         if options is not None:
-            text = options[(options.index(handle.value) + shift) % len(options)] if shift else text
-            require_choice(command, text, options)
-            value = text
+            value = options[(options.index(handle.value) + shift) % len(options)] if shift else text
+            require_choice(command, value, options)
         elif isinstance(value, bool) and not pressed:
             value = not value
         elif hasattr(handle, "max"):
@@ -339,11 +334,6 @@ class Binding:
         self._removed = True
         for folder in self.folders:
             folder.remove()
-
-    @property
-    def positions(self) -> Reals:
-        """The positions of the newest state as the page draws them : (N, D) float64, metres."""
-        return self.frame.positions(self.session.view.state.positions)
 
     def place(self, microphone: int, place, gesture: int | None = None) -> None:
         """Move the estimate of a microphone to a position on the page, (2,) or (3,), metres."""

@@ -233,7 +233,7 @@ def test_errors_of_an_array_that_nothing_holds_are_those_after_its_best_motion_a
     largest, text = f"{1e3 * best.max():.3g}", error_line(errors, blind.blind)
     assert text.startswith("error: mean") and f"largest {largest} mm, after alignment" in text
     assert "align" not in error_line(known.errors(estimate), known.blind)
-    assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0)
+    assert f"<td>{largest}</td>" in microphones.position_table(blind, estimate, None, 0, slice(None))
     rows = list(csv.DictReader(io.StringIO(position_table(blind, estimate))))
     columns = np.array([[float(row[key]) for key in ("error_once_aligned_m", "x_m", "y_m")] for row in rows])
     np.testing.assert_allclose(columns, np.column_stack([best, estimate]), rtol=1e-8, atol=1e-12)

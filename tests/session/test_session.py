@@ -13,7 +13,8 @@ from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
-from fdcal.session.session import Session, SolverRun
+from fdcal.session import session as module
+from fdcal.session.session import Session, SolverRun, StateCosts
 from fdcal.session.worker import Lane, LatestWorker
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -191,7 +192,7 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     scene, rng, refused = load_scene("tiny"), np.random.default_rng(5), 0
     problem = cached_measurement(scene).problem()
     settings = solvers.with_mode_count(problem, dataclasses.replace(scene.solver, name=name, start=None))
-    run = SolverRun(problem, settings, 0, None, (), None, lambda: None)
+    run = SolverRun(problem, settings, 0, None, (), None, lambda: None, StateCosts())
     rows, count = problem.pressures.shape
     for _ in range(60):
         first, last = sorted(rng.integers(1, rows + 1, 2).tolist())
@@ -297,8 +298,9 @@ def test_a_slow_pace_holds_up_no_command(make):
     assert session.wait_for(lambda view: view.state.finished, WAIT)
 
 
-def test_a_session_that_yields_takes_no_step_but_obeys_commands(make):
-    session = make(Counter(), yield_time=1.5)
+def test_a_session_that_yields_takes_no_step_but_obeys_commands(make, monkeypatch):
+    monkeypatch.setattr(module, "YIELD_TIME", 1.5)
+    session = make(Counter())
     assert math.isnan(session.view.cost), "without a reference cost"
     session.yield_to_ui()
     session.play()
@@ -336,8 +338,6 @@ def test_a_microphone_placed_by_the_user_is_a_state_of_its_own(make):
 
 
 def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
-    from fdcal.session import session as module
-
     monkeypatch.setattr(module, "MAX_STATES", 8)
     session = make(Counter())
     before = session.view.lineage
@@ -380,9 +380,10 @@ def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(
     assert session.wait_for(lambda view: view.index == 4, WAIT) and session.view.cost == costs[4]
 
 
-def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
+def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make, monkeypatch):
+    monkeypatch.setattr(module, "YIELD_TIME", 0.1)
     reference_cost = Slow(0.02)
-    session = make(Counter(), reference_cost=reference_cost, yield_time=0.1)
+    session = make(Counter(), reference_cost=reference_cost)
     end = time.monotonic() + 0.5
     moves = 0
     while time.monotonic() < end:

@@ -1,6 +1,7 @@
 """A server, a small measurement, and the parts of the page on them, without a browser."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from doubles import Recorder, Solver, State, wait_until
 
 from fdcal.model.measurement import Measurement
 from fdcal.session.sources import OpenRequest
-from fdcal.session.worker import Scheduler
+from fdcal.session.worker import Flag, Scheduler
 from fdcal.viewer import cost_maps, prepare, session_view
 from fdcal.viewer.page import Page
 from fdcal.viewer.panels import Panels, Tabs
@@ -69,7 +70,8 @@ def controls(server, work):
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would go through the gate, too
-    made = session_view.Viewer(server, work, Panels(server.gui), SceneNodes(server))
+    page = SimpleNamespace(server=server, panels=Panels(server.gui), nodes=SceneNodes(server), wake=Flag(), open=None)
+    made = session_view.Viewer(page, work)
     yield made
     work.solver.gate.release(99)
     made.close()

@@ -49,7 +49,8 @@ def picker():
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=add))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 1.0), focus=(0.95, 1.95, 1.45, 2.45))
     move, place = lambda *moved: placed.append(moved), lambda *moved: direct.append(moved)
-    made = MicrophonePicker(server, binding, picture, selected.append, move, place)
+    binding.tabs = SimpleNamespace(map=SimpleNamespace(pick=selected.append))
+    made = MicrophonePicker(server, binding, picture, SimpleNamespace(move=move, place=place))
     return SimpleNamespace(
         made=made, binding=binding, handles=disc, shape=shape, placed=placed, selected=selected, direct=direct, **{
             name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
@@ -286,7 +287,9 @@ def test_the_true_positions_stand_still_over_a_run_and_while_a_microphone_is_dra
 def test_a_microphone_is_drawn_where_it_was_placed(coordinates, server, blind):
     binding = Binding(server.gui, blind, 6)
     for place in ([0.6, 0.7], [0.85, 0.4]):
-        wanted = np.array([*place[:coordinates], *binding.positions[4, coordinates:]])
+        wanted = np.array(
+            [*place[:coordinates], *binding.frame.positions(binding.session.view.state.positions)[4, coordinates:]]
+        )
         binding.place(4, place[:coordinates])
         (_, microphone, at, _), positions = blind.session.commands[-1], np.array(blind.session.view.state.positions)
         others = np.delete(positions, microphone, axis=0)

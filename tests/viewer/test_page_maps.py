@@ -43,7 +43,7 @@ def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db
 
 
 def legend(viewer):
-    return viewer._panels.overlay._regions["legend"].content
+    return viewer._page.panels.overlay._regions["legend"].content
 
 
 def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_is_computed(viewer):
@@ -128,7 +128,7 @@ def test_the_legend_names_what_is_drawn(opened):
 
 
 def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):
-    monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
+    monkeypatch.setattr(viewer._page.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
     assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.tabs.run_bar.status.content

@@ -52,10 +52,10 @@ def test_the_room_is_shown_while_the_solver_is_prepared(page_of, scene, monkeypa
     monkeypatch.setattr(solvers, "warmup_calls", lambda _: [("", gate.wait)])
     monkeypatch.setattr(preparing, "COMPILE_TIME", 0.0)
     page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
-    assert page.nodes.is_empty
+    assert page.nodes.cameras.picture is None
     placed = []
     monkeypatch.setattr(page.nodes.cameras, "request_all", placed.append)
-    turn_until(lambda: not page.nodes.is_empty)
+    turn_until(lambda: page.nodes.cameras.picture is not None)
     assert placed == ["top"], "pages that came before there was anything to see"
     turn_until(lambda: "Compiling" in page.panels.line.content)
     assert page.viewer is None and "microphones/true" in page.nodes.parts
@@ -114,7 +114,7 @@ def test_an_error_of_the_solver_is_shown_as_text_and_the_page_works_on(page_of, 
 def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
     nodes.show_cached(OpenRequest(edited(scene, {"seed": 987654})))
-    assert nodes.is_empty, "it has to be simulated first"
+    assert nodes.cameras.picture is None, "it has to be simulated first"
     cached_measurement(scene)
     nodes.show_cached(OpenRequest(scene))
     assert {"microphones/true", "microphones/known", "room/walls"} <= nodes.parts.keys()

@@ -157,7 +157,8 @@ def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown
 
 def test_microphones_are_listed_by_descending_error(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
-    html = microphones.position_table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
+    positions = measurement.positions + offsets[:, None] * [1, 0]
+    html = microphones.position_table(measurement, positions, None, 6, slice(None))
     numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
     assert "error<br>(mm)" in html and html.count("known") == 3 and "&sigma;" not in html

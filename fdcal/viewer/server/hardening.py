@@ -178,8 +178,7 @@ def own_page_only(
         if not hosts or not all(any(one.fullmatch(f"http://{host}") for one in origins) for host in hosts):
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This server has another name.\n")
         came_from = [origin.partition("//")[2].lower() for origin in request.headers.get_all("Origin")]
-        connects = came_from or "Upgrade" in request.headers
-        if connects and came_from != hosts:
+        if (came_from or "Upgrade" in request.headers) and came_from != hosts:
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
         if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
@@ -188,8 +187,7 @@ def own_page_only(
         except OSError:  # a name that is too long for a file
             return connection.respond(http.HTTPStatus.NOT_FOUND, "404\n")
         if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-            zipped = response.headers.get("Content-Encoding") == "gzip"
-            response.body = with_title(bytes(response.body), zipped, film)
+            response.body = with_title(bytes(response.body), response.headers.get("Content-Encoding") == "gzip", film)
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
             # so that no other site can show the page in a frame and trick users into clicks

@@ -45,8 +45,7 @@ class _Lines(logging.Formatter):
     """Formats date, level, name and message with its traceback, up to MAX_RECORD characters."""
 
     def format(self, record) -> str:
-        lines = super().format(record)[:MAX_RECORD].split("\n")
-        return "\n".join(printable(line, MAX_RECORD) for line in lines)
+        return "\n".join(printable(line, MAX_RECORD) for line in super().format(record)[:MAX_RECORD].split("\n"))
 
 
 def _off_the_event_loop(record: logging.LogRecord) -> bool:

@@ -30,6 +30,7 @@ PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half be
 
 # Of the ordinate: powers of ten between the ends of a logarithmic axis, the ends of a linear one, or uPlot's own.
 Ends = range | tuple[float, float] | None
+Series = tuple[uplot.Series, ...]
 
 
 class Plot:
@@ -40,15 +41,7 @@ class Plot:
     legend below it. `data` are the columns on the page; `folder` contains the plot and can be made invisible.
     """
 
-    def __init__(
-        self,
-        gui: viser.GuiApi,
-        title: str,
-        series: tuple[uplot.Series, ...],
-        x: str,
-        height: int = 215,
-        legend: bool = True,
-    ):
+    def __init__(self, gui: viser.GuiApi, title: str, series: Series, x: str, height: int = 215, legend: bool = True):
         self._legend: Any = None if legend else {"show": False}
         self._gui, self._series, self._x, self._height = gui, series, x, height
         self.folder, self.title = gui.add_folder(None), title

@@ -4,14 +4,12 @@ All browsers on the page follow the same lesson. A step that needs another scene
 the controls as soon as the scene is ready. At the end of a lesson the page shows again what it showed before.
 """
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import viser
 
@@ -19,19 +17,16 @@ from ...graphics.camera import Camera
 from ...model.address import SOLVER, parse_address, unit_of
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError, parse_modes, shown
-from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, run_target
-from ...session.session import Session
+from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, LessonSetting, paragraphs, run_target
+from ...session.session import Session, SessionView
 from ...session.sources import OpenRequest
 from ..html import complaint, error_message, whole
+from ..panels import Tabs
+from ..prepare import PreparedRun
 from ..scene3d import Cameras
 from ..server.client_values import fits
+from ..session_view import Viewer
 from ..state import Choices
-
-if TYPE_CHECKING:
-    from ...session.session import SessionView
-    from ..panels import Tabs
-    from ..prepare import PreparedRun
-    from ..session_view import Viewer
 
 OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson leaves as they are
 
@@ -50,12 +45,8 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     setting, count = setting.unfolded(), tabs.binding.modes
     session = tabs.binding.session
     state = session.view.history[0] if restarted else session.view.state
-    modes = range(state.first, state.last + 1)
-    if setting.modes is not None:
-        modes = parse_modes(setting.modes, count)
-    automatic = state.automatic if setting.automatic is None else setting.automatic
-    if setting.modes is not None or setting.automatic is not None:
-        session.use_modes(modes[0], modes[-1], automatic)
+    if (used := setting.modes_in_use(state, count)) is not None:
+        session.use_modes(*used)
     if setting.run is not None:
         what, by = run_target(setting.run)
         if what == "end":
@@ -109,7 +100,7 @@ class PageBefore:
     cameras: Mapping[int, str | Camera]  # of each browser, see `Cameras.kept_views`
 
     @classmethod
-    def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:
+    def of(cls, viewer: Viewer, cameras: Cameras) -> "PageBefore":
         """Return the present state of the page, and pause its run."""
         viewer.run.session.pause()
         values = {name: handle.value for name, handle in controls_of(viewer).items()}
@@ -124,7 +115,8 @@ class PageBefore:
             value = self.values.get(name, handle.value)
             if handle.value != value and fits(handle, value):
                 handle.value = value
-        viewer.tabs.refresh()
+        for tab in viewer.tabs:
+            tab.refresh()
         cameras.request_all(self.cameras)
 
 
@@ -155,9 +147,7 @@ def _button(command: str, text: str, kind: str = "") -> str:
 
 
 def _paragraphs(text: str) -> str:
-    """Return plain text as HTML; an empty line begins another paragraph."""
-    parts = [escape(" ".join(part.split())) for part in text.split("\n\n") if part.strip()]
-    return "".join(f"<p>{part}</p>" for part in parts)
+    return "".join(f"<p>{escape(part)}</p>" for part in paragraphs(text))
 
 
 log = logging.getLogger(__name__)
@@ -294,19 +284,19 @@ class LessonsTab:
         """End the lesson, and restore the page as it was before, unless the user has opened something else."""
         before, requests, viewer = self._before, self._requests, self._page.viewer
         self.leave()
-        if before is not None and viewer is not None:
-            idle, opening = self._page.switcher.idle, viewer.binding.run.opening
-            if idle and viewer.binding.run is before.run:
-                self._returning = None
-                before.put_back(viewer, self._page.nodes.cameras)
-            elif not idle or any(opening is request for request in requests):
-                self._returning = before
+        if before is None or viewer is None:
+            return
 
-                def put_back(shown: Viewer) -> None:
-                    self._returning = None
-                    before.put_back(shown, self._page.nodes.cameras)
+        def put_back(shown: Viewer) -> None:
+            self._returning = None
+            before.put_back(shown, self._page.nodes.cameras)
 
-                self._open(before.run.request_of(before.view, before.choices.to_save()), put_back)
+        idle, opening = self._page.switcher.idle, viewer.binding.run.opening
+        if idle and viewer.binding.run is before.run:
+            put_back(viewer)
+        elif not idle or any(opening is request for request in requests):
+            self._returning = before
+            self._open(before.run.request_of(before.view, before.choices.to_save()), put_back)
 
     def leave(self) -> None:
         """End the lesson without restoring the page, because the user has opened something else."""

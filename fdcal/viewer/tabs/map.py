@@ -34,10 +34,7 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
         text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
         return f"<div style='{html.CARD}'>{text}</div>"
     modes, marked = request.modes, request.style.minima
-    several, single = (
-        f"sum of {count_label(measurement, modes)}",
-        f"{modes_label(measurement, modes)} alone",
-    )
+    several, single = f"sum of {count_label(measurement, modes)}", f"{modes_label(measurement, modes)} alone"
     what = f"microphone {request.microphone}, {several if len(modes) > 1 else single}"
     if marked:
         minima = {0: "no local minimum", 1: "1 local minimum"}.get(found.count, f"{found.count} local minima")
@@ -212,7 +209,7 @@ class SweepTab(Tab):
         self.playing: Playback | None = None
         self._wanted: CostMapRequest | None = None  # request of the last sweep
         self._revision = -1  # of the state whose maps are wanted
-        self._curve, self._drawn, self._modes = Memo(), Memo(), Memo()
+        self._curve, self._drawn = Memo(), Memo()
         self._last: CostMap | None = None  # the map that was shown last
         self._alone, self._label = False, f"Add {row}s one by one"
         series = (
@@ -297,13 +294,9 @@ class SweepTab(Tab):
     def _sequence(self) -> tuple[int, ...]:
         """Return the modes that a map can have, in the order in which they are added."""
         run, choices, highest = self._binding.run, self._binding.choices, self.highest.value
-
-        def modes() -> tuple[int, ...]:
-            usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
-            kept = usable[: max(int(np.searchsorted(usable, highest, "right")), 1)]
-            return kept[::-1] if choices.descending else kept
-
-        return self._modes(modes, choices.map_order, choices.descending, highest)
+        usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
+        kept = usable[: max(int(np.searchsorted(usable, highest, "right")), 1)]
+        return kept[::-1] if choices.descending else kept
 
     # Only the main loop calls the methods below.
 
@@ -312,26 +305,25 @@ class SweepTab(Tab):
 
         While it plays, a map stays until the next one is computed.
         """
-        sweep, style, found, swept = self._sweep, wanted.style, drawn, None
+        sweep, style, last = self._sweep, wanted.style, self._last
         if sweep is not None and style.kind == "flat":
             of = sweep.request
             same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
             count = first_of(of.modes, wanted.modes)
-            if same and (style.log, style.kind) == (of.style.log, of.style.kind) and 0 < count <= len(sweep.frames):
+            if same and style.log == of.style.log and 0 < count <= len(sweep.frames):
                 swept = sweep.frames[count - 1]
-        if swept is not None:
 
-            def draw() -> CostMap:
-                floor = swept.floor and replace(swept.floor, show_minima=style.minima)
-                return replace(swept, request=wanted, floor=floor, fine=True)
+                def draw() -> CostMap:
+                    floor = swept.floor and replace(swept.floor, show_minima=style.minima)
+                    return replace(swept, request=wanted, floor=floor, fine=True)
 
-            found = self._drawn(draw, swept, style.minima)
-        last, reason = self._last, reason if swept is None else ""
-        if found is None and not reason and self.playing is not None and last is not None:
+                self._last = self._drawn(draw, swept, style.minima)
+                return self._last, ""
+        if drawn is None and not reason and self.playing is not None and last is not None:
             kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
             return (last if kept else None), ""
-        self._last = found
-        return found, reason
+        self._last = drawn
+        return drawn, reason
 
     @property
     def made(self) -> Sweep | None:
@@ -368,8 +360,7 @@ class SweepTab(Tab):
         if playing is not None and sweep is not None and (state.now >= playing.due or error is not None):
             self._step(playing, sweep, state.now, error is not None)
         label, icon = ("Stop", viser.Icon.PLAYER_PAUSE) if self.playing else (self._label, viser.Icon.PLUS)
-        if self.play.label != label:
-            self.play.label, self.play.icon = label, icon
+        self.play.label, self.play.icon = label, icon
         self.summed.max = max(len(self._sequence()), 2)
         binding.send(self.summed, self._count())
         binding.send(self.single, self.alone)
@@ -463,7 +454,7 @@ class SpectrumTab(Tab):
         with gui.add_folder("Spectrum", expand_by_default=False):
             title = "Mean power (dB re the maximum)"
             self.plot = Plot(gui, title, series, "frequency (Hz)", height=240, legend=False)
-            gui.add_html(f"<div style='{html.CARD}'>{html.drawings_html(marks)}</div>")
+            gui.add_html(html.drawings_html(marks))
             self.text = gui.add_html("")
         self.plots = (self.plot,)
 

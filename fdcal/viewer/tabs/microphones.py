@@ -33,17 +33,13 @@ def given_table(channels: Channels | None) -> str:
 
 
 def position_table(
-    measurement: Measurement,
-    positions: np.ndarray,
-    sigma: np.ndarray | None,
-    selected: int,
-    sought: np.ndarray | slice = slice(None),
+    measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | None, selected: int, sought: np.ndarray | slice
 ) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
     `positions` (N, D) float64, metres, are estimated; `sigma` (N,) float64, metres, is their standard deviation, or
     None; `selected` is the microphone of the map, counted from 0; `sought` are the numbers of the microphones by which
-    a blind array is aligned, by default all. The table has MAX_ROWS rows at most.
+    a blind array is aligned. The table has MAX_ROWS rows at most.
     """
     errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
@@ -87,10 +83,8 @@ class MicrophonesTab(Tab):
         """Return the panel of a lesson, by its name in `LessonSetting.panel`; "" while its content is not known."""
         state, view = self._binding.state, self._binding.state.view
 
-        def make() -> str:
-            return lesson_panel(name, self._binding.measurement, view.history[: view.index + 1], state.found)
-
-        return self._panel(make, name, view.state, view.index, state.found)
+        of = self._binding.measurement, view.history[: view.index + 1], state.found
+        return self._panel(lambda: lesson_panel(name, *of), name, view.state, view.index, state.found)
 
     def inputs(self, state: PageState) -> tuple:
         """Return the values on which plot and tables depend."""

@@ -102,12 +102,11 @@ class SceneTab(Tab):
 
     def _values(self) -> dict[str, Any]:
         """Return the parameters of the scene as the controls show them, rounded."""
-        absorbing = self.walls.value == "absorbing"
         return {
             "microphones": self.microphones.value,
             "radius": float(np.clip(self.radius.value, *RADII)),
             "walls": self.walls.value,
-            "absorption": self.absorption.value / 100 if absorbing else None,
+            "absorption": self.absorption.value / 100 if self.walls.value == "absorbing" else None,
             "snr_db": float(self.snr.value) if self.noise.value else math.inf,
             "sound_speed_error": self.speed.value / 100,
             "known": min(max(self.known.value, min_known(self._scene)), max(self.microphones.value - 1, 1)),
@@ -129,9 +128,7 @@ class SceneTab(Tab):
             return
         try:
             # What was not changed stays exactly as it is in the scene.
-            values, measured = self._values(), ("walls", "absorption") if self._scene.room.response is not None else ()
-            changed = {key: value for key, value in values.items() if value not in (None, self._shown[key])}
-            changed = {key: value for key, value in changed.items() if key not in measured}
+            changed = {key: value for key, value in self._values().items() if value not in (None, self._shown[key])}
             scene = with_parameters(self._scene, replace(parameters_of(self._scene), **changed))
         except InputError as error:
             of_the_file = "." in error.key or error.key == "array"

@@ -81,10 +81,8 @@ def _picture(snapshot: PageState) -> bytes:
     errors = measurement.errors(snapshot.view.state.positions, counted)
     line = error_line(None if errors is None else errors[counted], measurement.blind, measurement.nominal)
     title = f"{caption(snapshot)}\n{line}"
-    volume = None if snapshot.drawn is None else snapshot.drawn.volume
-    if volume is not None:
-        name = measurement.names[snapshot.microphone]
-        title += f"\nCost of moving microphone {name}"
+    if snapshot.drawn is not None and snapshot.drawn.volume is not None:
+        title += f"\nCost of moving microphone {measurement.names[snapshot.microphone]}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
@@ -93,15 +91,13 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
     positions = snapshot.view.state.positions
     truth = snapshot.run.drawn_truth(positions)
-    truth = None if truth is None else truth[n][:2]
     request = snapshot.map_request
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
-    drawn = {"truth": truth, "estimate": positions[n][:2], "heading": heading}
-    drawn["quantity"] = map_label(snapshot.run, request).partition(" (")[0]
+    drawn = {"truth": None if truth is None else truth[n][:2], "estimate": positions[n][:2], "heading": heading}
+    drawn |= {"quantity": map_label(snapshot.run, request).partition(" (")[0]}
     kept = evenly_spaced(len(request.modes), MAX_PANELS)
     found = fine_maps(snapshot.run, request, kept=kept.tolist())
-    if found is None:
-        raise ValueError("maps without cancellation must be complete")
+    assert found is not None  # only maps that can be cancelled may be incomplete
     (single, total, search), modes = found, [request.modes[i] for i in kept]
     panels = panels_of(single, total, modes, measurement.frequencies, n, search, len(request.modes))
     shown = np.stack([above_lowest(snapshot.run, request, one) for one in panels.maps])
@@ -179,9 +175,9 @@ class ExportTab(Tab):
         self.worker = binding.threads.job(self._make, MAX_WAITING)
         with gui.add_folder("Save a file"):
             self.kind = binding.choice("File", "export_kind", {kind: kind for kind in KINDS})
-            description = gui.add_html("")
-            binding.follow(description, content=lambda choices: html.remark(KINDS[choices.export_kind].description))
-            self.description = description
+            self.description = gui.add_html("")
+            described = lambda choices: html.remark(KINDS[choices.export_kind].description)  # noqa: E731
+            binding.follow(self.description, content=described)
             of_picture = lambda choices: choices.export_kind == PICTURE  # noqa: E731
             self.view = binding.choice("Camera view", "export_view", VIEWS, visible=of_picture)
             self.size = binding.choice("Size (pixels)", "export_size", SIZES, visible=of_picture)
