@@ -1,9 +1,6 @@
 """Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -15,14 +12,10 @@ from ..model.settings import search_around
 from ..model.storage import folder_in_progress, write_atomically
 from ..model.validation import InputError, parse_modes
 from ..session.session import recorded
-from ..session.sources import CalibrationInput, as_given, with_settings
+from ..session.sources import as_given, with_settings
 from ..solvers import with_mode_count
 from . import options as opt
 from .report import error_title
-
-if TYPE_CHECKING:
-    from ..graphics.primitives import Floor
-    from ..graphics.volume import SampledVolume, Volume
 
 
 @click.command()
@@ -52,6 +45,7 @@ def landscape(source, microphone, mode_numbers, result, output, force):
     positions = shown_positions(measurement, result and load_result(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
         from ..graphics.exports import volume_vti
+        from ..graphics.volume import volume_around
 
         sampled = volume_around(inputs, positions, n, measured)
         text = volume_vti(sampled.cost, sampled.search)
@@ -124,8 +118,9 @@ def snapshot(scene, result, microphone, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = opt.output_path(output, ".png", force)
     inputs, found = opt.scene_of(scene), result and load_result(result)
-    from ..graphics.picture import compose, with_volume
+    from ..graphics.picture import compose, with_volume, z_range_of
     from ..graphics.snapshot import render_png
+    from ..graphics.volume import map_of
     from ..session.calibration_run import problem_of
 
     measurement, scene_shown = inputs.measurement, inputs.scene
@@ -137,7 +132,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
     if microphone is not None:
         n = microphone_index(microphone, measurement.names, "microphone")
         modes = len(found.frequencies) if found else with_mode_count(problem_of(inputs), inputs.settings).modes
-        floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes)
+        height = z_range_of(scene_shown, measurement)[0]
+        floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes, height)
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
     picture = compose(scene_shown, measurement, positions, n, floor, title)
@@ -198,52 +194,6 @@ def gallery(output: str, force: bool):
                 (folder / name).write_text(text, encoding="utf-8")
                 sizes.append((folder / name).stat().st_size)
     print(f"{output}: {len(sizes)} pages, {sum(sizes) / 1e6:.2g} MB; open {output}/index.html")
-
-
-def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
-    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
-
-    `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
-    """
-    from ..cost.eq7 import ORDER_OFFSET, expansion_of, search_domain
-    from ..cost.maps import cost_volume
-    from ..graphics.volume import sampled_volume
-
-    problem = inputs.measurement.problem(inputs.settings.weights)
-    carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
-    used = carried[carried <= modes].tolist()
-    if not used:
-        fault = f"the microphones are too few for any mode with search.radius = {search_domain(problem).radius:g} m"
-        raise InputError(fault, "give the scene or the file a smaller one", key="search.radius")
-    terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
-    sampled = None if terms is None else sampled_volume(terms)
-    assert sampled is not None  # only a volume that can be cancelled may be incomplete
-    return sampled
-
-
-def map_of(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> tuple[Floor, Volume | None]:
-    """Return the map of a microphone for a snapshot, and in space the cost around it."""
-    from ..cost.eq7 import require_modes, require_plane_field
-    from ..cost.maps import descent_maps, minima_of
-    from ..graphics.heatmap import cost_floor
-    from ..graphics.picture import z_range_of
-    from ..graphics.volume import layer_floor, volume_of
-
-    measurement, settings = inputs.measurement, inputs.settings
-    if measurement.search is None:
-        raise InputError(f"{inputs.name} has no search domain for a map", "leave out <microphone>", key="microphone")
-    if measurement.array_dimension == 3:
-        sampled, height = volume_around(inputs, positions, n, modes), z_range_of(inputs.scene, measurement)[0]
-        volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)
-        return layer_floor(volume, sampled, float(positions[n, 2]), height, True), volume
-    from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
-
-    problem, offset = measurement.problem(settings.weights), order_offset_of(settings, modes)
-    require_plane_field(problem)
-    require_modes(problem, offset, modes)
-    # the cost that a step of descent minimises
-    cost = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
-    return cost_floor(cost, measurement.search, log=True, minima=minima_of(cost, measurement.search)), None
 
 
 COMMANDS = (landscape, field, snapshot, replay, gallery)

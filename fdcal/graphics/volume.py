@@ -7,6 +7,8 @@
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
     layer_floor     the layer at one height, in the colours of a Volume, as a map on the floor: it hides no microphone
+    volume_around   the cost around a microphone of a measurement, as on the page
+    map_of          the map of a microphone for a snapshot, of a plane array, too
 
 The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
 """
@@ -17,12 +19,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..assessment.words import listed
-from ..cost.maps import CostVolume, area, minima_of
+from ..cost.eq7 import ORDER_OFFSET, expansion_of, require_modes, require_plane_field, search_domain
+from ..cost.maps import CostVolume, area, cost_volume, descent_maps, minima_of
 from ..cost.scale import Minima
 from ..model.settings import Search
-from ..model.validation import evenly_spaced, frozen_array
+from ..model.validation import InputError, evenly_spaced, frozen_array
+from ..session.sources import CalibrationInput
 from .glyphs import round_ticks
-from .heatmap import SHOWN, WHOLE, colour_limits, normalise, to_rgb
+from .heatmap import SHOWN, WHOLE, colour_limits, cost_floor, normalise, to_rgb
 from .primitives import ColourBar, Floor, Surface
 
 
@@ -196,3 +200,41 @@ def layer_floor(
     rgb = frozen_array(to_rgb(normalise(cost[0], low, high, log)), np.uint8)
     (x, y), (width, depth) = domain[0].tolist(), np.ptp(domain, axis=0).tolist()
     return Floor(rgb, (x, y), (width, depth), bar, (), height, show_minima=False)
+
+
+def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
+    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
+
+    `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
+    """
+    problem = inputs.measurement.problem(inputs.settings.weights)
+    carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
+    used = carried[carried <= modes].tolist()
+    if not used:
+        fault = f"the microphones are too few for any mode with search.radius = {search_domain(problem).radius:g} m"
+        raise InputError(fault, "give the scene or the file a smaller one", key="search.radius")
+    terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
+    sampled = None if terms is None else sampled_volume(terms)
+    assert sampled is not None  # only a volume that can be cancelled may be incomplete
+    return sampled
+
+
+def map_of(
+    inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int, height: float
+) -> tuple[Floor, Volume | None]:
+    """Return the map of a microphone for a snapshot, at a height, metres, and in space the cost around it."""
+    measurement, settings = inputs.measurement, inputs.settings
+    if measurement.search is None:
+        raise InputError(f"{inputs.name} has no search domain for a map", "leave out <microphone>", key="microphone")
+    if measurement.array_dimension == 3:
+        sampled = volume_around(inputs, positions, n, modes)
+        volume = volume_of(sampled.cost, sampled.search, True, sampled.minima)
+        return layer_floor(volume, sampled, float(positions[n, 2]), height, True), volume
+    from ..solvers.descent import order_offset_of  # compiled code, which other commands do not need
+
+    problem, offset = measurement.problem(settings.weights), order_offset_of(settings, modes)
+    require_plane_field(problem)
+    require_modes(problem, offset, modes)
+    # the cost that a step of descent minimises
+    cost = descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
+    return cost_floor(cost, measurement.search, log=True, minima=minima_of(cost, measurement.search)), None
