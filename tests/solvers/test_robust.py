@@ -220,18 +220,14 @@ def plane():
     )  # fmt: skip
 
 
-def test_given_corners_hold_the_size_of_a_plane_array(plane):
-    end = solved(plane)
-    np.testing.assert_allclose(end.state.positions[CORNERS], plane.positions[CORNERS], atol=3e-3)
-    assert rms(end.state.positions, plane.positions) < 0.01
-    assert end.assessment.verdict == "good"
-
-
-def test_the_size_follows_the_given_corners(plane):
+def test_the_size_of_a_plane_array_is_that_of_the_given_corners(plane):
+    """Whatever the assumption on the field says: here they are 2 % too far apart."""
     middle = plane.positions.mean(axis=0)
-    larger = replace(plane, known_positions=middle + 1.02 * (plane.positions[CORNERS] - middle))
-    found = solved(larger).state.positions
-    np.testing.assert_allclose(found[CORNERS], larger.known_positions, atol=3e-3)
+    larger = middle + 1.02 * (plane.positions - middle)
+    end = solved(replace(plane, known_positions=larger[CORNERS]))
+    np.testing.assert_allclose(end.state.positions[CORNERS], larger[CORNERS], atol=3e-3)
+    assert rms(end.state.positions, larger) < 0.01
+    assert end.assessment.verdict == "good"
 
 
 def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():

@@ -37,6 +37,10 @@ def map_again(page):
     page.wait_for_function("/modes=solver.*map=flat/.test(location.hash)")
 
 
+def of_microphone(page, number):
+    assert slider(page, "Microphone").get_attribute("aria-valuenow") == str(number)
+
+
 def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, served):
     other = opened_page(page.context, served.url, f"{COARSE}&microphone=5&modes=2-4&map=none")
     for one in (page, other):
@@ -73,10 +77,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.wait_for_function("location.hash.includes('microphone=8')")
     tab(page, "Map")
 
-    def of_microphone_8():
-        assert slider(page, "Microphone").get_attribute("aria-valuenow") == "8"
-
-    until(page, of_microphone_8)
+    until(page, lambda: of_microphone(page, 8))
     alive(page)
 
 
@@ -87,6 +88,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     page.wait_for_function("location.hash.includes('microphone=7')")
     tab(page, "Map")
     handle = slider(page, "Microphone")
+    until(page, lambda: of_microphone(page, 7))  # its value comes after the address
     handle.focus()
     place = "window.__viserMutable.camera.position.toArray().join()"
     before = page.evaluate(place)
