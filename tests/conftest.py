@@ -4,6 +4,7 @@ import functools
 import gc
 import hashlib
 import io
+import json
 import os
 import pickle
 import re
@@ -166,6 +167,26 @@ def refused(tmp_path, monkeypatch, capsys):
         assert line.startswith("error: ") and not re.search("<[a-z_]+>", line), "each argument has its option's name"
         assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
         return line
+
+    return run
+
+
+@pytest.fixture
+def calibrate_file(tmp_path, monkeypatch, capsys):
+    """Function that calibrates m.npz with options: exit code, output, error line, and result, None if none is written.
+
+    Codes 2 and 3 write one line and no result, 0 and 4 all of the result.
+    """
+    monkeypatch.chdir(tmp_path)
+
+    def run(*options):
+        result = tmp_path / "r.json"
+        result.unlink(missing_ok=True)
+        ended = exit_code("calibrate", "m.npz", "-o", "r.json", *options)
+        out, errors = capsys.readouterr()
+        lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+        assert (len(lines), result.exists()) == (ended in (2, 3), ended in (0, 4))
+        return ended, out, "".join(lines), json.loads(result.read_text()) if result.exists() else None
 
     return run
 

@@ -17,6 +17,11 @@ def exit_code(*arguments) -> int:
     return ended.value.code or 0
 
 
+def run(*arguments, code: int = 0) -> None:
+    """Run a command that must end with `code`."""
+    assert exit_code(*arguments) == code
+
+
 def done(*arguments, folder: Path) -> str:
     """Standard output of a command that must succeed; a calibration may end with a verdict that is not good."""
     out, errors = io.StringIO(), io.StringIO()

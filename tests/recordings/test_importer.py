@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import soundfile
 from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, stationary_source, write_places
-from running import exit_code, refuses
+from running import exit_code, refuses, run
 from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.dictionary import f_max
@@ -261,10 +261,6 @@ def folder(tmp_path_factory) -> Path:
     soundfile.write(path / "work.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="FLOAT")
     write_places(path / "known.csv", places()[:5])
     return path
-
-
-def run(*arguments, code: int = 0) -> None:
-    assert exit_code(*arguments) == code
 
 
 @pytest.mark.parametrize(("name", "kind"), [("responses.wav", "impulse response"), ("work.wav", "stationary source")])

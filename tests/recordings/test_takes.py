@@ -8,7 +8,7 @@ import pytest
 import recorded
 import soundfile
 from recorded import FS, SPEED, mismatch_db, noisy, places, write_places
-from running import exit_code, refuses
+from running import exit_code, refuses, run
 from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
 
 import fdcal
@@ -55,10 +55,6 @@ def folder(tmp_path_factory) -> Path:
         soundfile.write(path / "single" / f"mic{n:02d}.wav", row, FS, subtype="FLOAT")
     write(path / "still.wav", noisy(playing(0, 24, 5), 40))
     return path
-
-
-def run(*arguments, code: int = 0) -> None:
-    assert exit_code(*arguments) == code
 
 
 def same(one: fdcal.Measurement, other: fdcal.Measurement) -> None:

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
+from solving import rms_of_shape
 
 import fdcal
 from fdcal.cost.short_windows import anisotropic_kernel
-from fdcal.model.gauge import align, rigid_motions
+from fdcal.model.gauge import rigid_motions
 from fdcal.model.problem import ShortWindows
 from fdcal.model.settings import SolverSettings
 from fdcal.recordings.importer import ImportOptions, measurement_of_takes
@@ -22,10 +23,6 @@ from fdcal.solvers.robust.state import FINAL
 from fdcal.solvers.robust.windows import WindowTerm, is_flat, precision_of, usable
 
 RATE, SOUND = 8000, 343.2
-
-
-def rms(found, true) -> float:
-    return float(np.sqrt(np.mean(np.sum((align(found, true) - true) ** 2, axis=1))))
 
 
 @pytest.fixture(scope="module")
@@ -111,9 +108,9 @@ def heard():
 def test_short_windows_find_what_few_long_rows_of_a_room_leave_open(heard):
     measurement, x = heard
     beside = fdcal.calibrate(measurement)
-    assert rms(beside.positions, x) < 0.006, "without windows it is more"
+    assert rms_of_shape(beside.positions, x) < 0.006, "without windows it is more"
     claimed = float(np.sqrt(np.mean(beside.uncertainty**2)))
-    assert rms(beside.positions, x) < 2.5 * claimed and beside.converged
+    assert rms_of_shape(beside.positions, x) < 2.5 * claimed and beside.converged
 
 
 def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses_slowly(heard):
