@@ -50,27 +50,24 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
     suspects = [n for n in np.argsort(-tau)[:MAX_EXAMINED] if tau[n] > SUSPICIOUS]
     filters = gains and len(suspects) <= MAX_FILTERED
     sought = FILTER_GRID[int(local) :] if filters else FILTER_GRID[: int(not local)]
-    q = p * np.exp(-log_response(np.hstack([g, cut]), k)[0])
     moved = False
     for n in suspects if sought else ():
         check_deadline()
-        others = np.delete(np.arange(len(x)), n)
+        log_gain = log_response(np.hstack([g, cut]), k)[0]
+        q, others = p * np.exp(-log_gain), np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * np.array([[-1.0], [1.0]]) if local else x[tau < SUSPICIOUS]
         stays = model.known_sigma == 0 and n in constrained_positions(problem, state)[0]
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
         share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
-        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(
-            np.real(log_response(np.hstack([g, cut]), k)[0][:, n])
-        )
+        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(np.real(log_gain[:, n]))
         found = min((_best(p[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
         if found[0] < noisy:
             _, best, value, cut[n] = found
             x[n], tau[n] = candidates[best], 1.0
             off[n] = (value.real, value.imag) if abs(value) > GROSS else 0.0
             g[n] = off[n]
-            q[:, n] = p[:, n] * np.exp(-log_response(np.hstack([g, cut])[n : n + 1], k)[0][:, 0])
             moved = True
     if not moved:
         return state, False
@@ -92,12 +89,12 @@ COHERENT = 0.75  # least squared coherence of a channel with a filter and its pr
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
     """Return cost, candidate, log gain and filter where a channel p (M,) with the filter `cut` (2,) fits best."""
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
-    cost, value = _fitted(p * np.exp(-response), e, V)
-    best = int(np.argmin(cost))
-    price = 2 * np.sum(np.real(response))
+    q = p * np.exp(-response)
+    cost, value = _fitted(q, e, V)
+    best, price = int(np.argmin(cost)), 2 * np.sum(np.real(response))
     if np.any(cut):  # some combination of filter and position slightly fits even a channel of noise
-        across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
-        coherent = across > COHERENT * np.sum(np.abs(e[:, best]) ** 2) * np.sum(np.abs(p * np.exp(-response)) ** 2)
+        across = np.abs(np.vdot(e[:, best], q)) ** 2
+        coherent = across > COHERENT * np.sum(np.abs(e[:, best]) ** 2) * np.sum(np.abs(q) ** 2)
         price += FILTER_NATS if coherent else np.inf
     return float(cost[best] + price), best, value[best], cut
 
