@@ -67,7 +67,7 @@ def leave_one_out_errors(
 ) -> np.ndarray:
     """Return the pressure of each microphone minus its prediction by the others : (modes, N) complex128.
 
-    Only `healthy` (N,) bool microphones are used to predict; None for all. Other parameters as of `expansions`.
+    Only `healthy` (N,) bool microphones are used to predict; None for all. Other parameters as of `interpolated`.
     """
     x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
     seen = np.ones(len(x), bool) if healthy is None else healthy
