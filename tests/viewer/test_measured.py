@@ -105,6 +105,13 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver,
         assert saved.measurement.search == search, "a session that is saved keeps the domain"
 
 
+def test_the_domain_of_a_blind_array_lies_round_its_true_positions(tiny):
+    blind = replace(tiny, search=None, known=(), known_positions=None)
+    search = with_estimated_domain(blind, SolverSettings(name="joint", known="none", modes=12), 0).search
+    low = np.array(search.origin)
+    assert ((low < tiny.positions) & (tiny.positions < low + search.size)).all()
+
+
 def test_without_an_estimate_there_is_no_domain_and_the_page_says_what_to_do():
     rng = np.random.default_rng(0)
     pressures = rng.normal(size=(1, 12)) + 1j * rng.normal(size=(1, 12))
