@@ -5,14 +5,15 @@ with unequal power, so that the spectra p of all windows of a take and frequency
 the power s of each window:
 
     p    ~ CN(0, s C)
-    C    = G (K + b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
+    C    = G (K + sum_w b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
     K_ij = j_0(k d) + sum_l a_l j_2(k d) Y_l(u) + r (J_0(k d_h cos g) cos(k d_v sin g) - j_0(k d)),   d u = x_i - x_j
-    h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, the direct sound of the take
+    h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, a wave w of the take: the direct sound or
+           an early reflection
 
     Y_l  the five quadratic harmonics
     r    fraction of the sound that comes from the elevations g and -g; d_h and d_v are the horizontal and the vertical
          part of d. Floor and ceiling absorb most in a room, so that late sound comes from nearly horizontal directions
-    b    power of the direct sound of a take, from direction v (3,), of curvature q, 1/m
+    b    power of the wave, from direction v (3,), of curvature q, 1/m
     e    power of the noise; b and e are interpolated in frequency between a few nodes
 
 With the power of each window at its likeliest value, p^H C^-1 p / N, the cost is
@@ -31,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import j0, j1, spherical_jn
 
-from ..model.validation import Complexes, Integers, Numbers, Reals
+from ..model.validation import Complexes, Integers, Reals
 
 CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
 # Y_l = u^T Q u
@@ -45,29 +46,30 @@ QUADRATIC = np.array(
     ]
 )
 SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
-NOISE_NODES, DIRECT_NODES = 5, 2
+NOISE_NODES, POWER_NODES = 5, 2
+DIRECTIONS = 1200  # number of directions among which a wave is sought
+OF_WAVE = POWER_NODES + 3  # number of parameters of a wave: power, direction along two tangents, curvature
 # means and standard deviations of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of
-# the logarithms of noise and direct sound, over the diffuse field, and of the curvature, 1/m
+# the logarithms of noise and waves, over the diffuse field, and of the curvature, 1/m
 SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
-NOISE_PRIOR, DIRECT_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
+NOISE_PRIOR, POWER_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
 NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power, relative to the mean, from one direction
-NO_DIRECT = -14.0  # logarithm of a negligible power of the direct sound
 NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))
 
 
 @dataclass(frozen=True)
 class ShortField:
-    """Positions, channels and field parameters; the takes share all of them except the direct sound."""
+    """Positions, channels and field parameters; the takes share all of them except their W waves."""
 
     positions: Reals  # (N, 3) float64, metres
     channels: Reals  # (N, 2) float64, nepers and radians
     spectrum: Reals  # (7,) float64, a_l, r, g
     noise: Reals  # (NOISE_NODES,) float64, log e
-    direct: Reals  # (T, DIRECT_NODES) float64, log b
-    directions: Reals  # (T, 3) float64, v
-    curvature: Reals  # (T,) float64, q, 1/m
+    powers: Reals  # (T, W, POWER_NODES) float64, log b
+    directions: Reals  # (T, W, 3) float64, v
+    curvature: Reals  # (T, W) float64, q, 1/m
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class ShortTerms:
 
 
 def first_field(positions: Reals, takes: int) -> ShortField:
-    """Return an isotropic field without direct sound at positions (N, D), metres."""
+    """Return an isotropic field without waves at positions (N, D), metres."""
     x = np.zeros((len(positions), 3))
     x[:, : positions.shape[1]] = positions - positions.mean(axis=0)
     return ShortField(
@@ -89,43 +91,41 @@ def first_field(positions: Reals, takes: int) -> ShortField:
         channels=np.zeros((len(x), 2)),
         spectrum=SPECTRUM_MEAN,
         noise=np.full(NOISE_NODES, np.log(0.05)),
-        direct=np.full((takes, DIRECT_NODES), NO_DIRECT),
-        directions=np.tile([1.0, 0.0, 0.0], (takes, 1)),
-        curvature=np.full(takes, CURVATURE_PRIOR[0]),
+        powers=np.zeros((takes, 0, POWER_NODES)),
+        directions=np.zeros((takes, 0, 3)),
+        curvature=np.zeros((takes, 0)),
     )
 
 
-def free_parameters(
-    N: int, takes: int, axes: Integers, channels: bool = False, spectrum: int = 0, direct: bool = False
-) -> np.ndarray:
+def free_parameters(field: ShortField, axes: Integers, channels: bool = False, spectrum: int = 0) -> np.ndarray:
     """Return which parameters are free : (P,) bool.
 
     axes : coordinates that are free, two for an array in a plane; spectrum : number of spectrum parameters that are
     free, from the first
     """
-    each = np.tile([*np.isin(np.arange(3), axes), channels, channels], N)
+    each = np.tile([*np.isin(np.arange(3), axes), channels, channels], len(field.positions))
     shape = np.arange(len(SPECTRUM)) < spectrum
     if len(axes) == 2:  # an array in a plane cannot distinguish sound from the two sides of the plane
         across = 3 - int(np.sum(axes))
         shape[:5] &= np.array([across not in pair for pair in ((), (0, 1), (0, 2), (1, 2), ())])
-    return np.concatenate([each, shape, np.full(NOISE_NODES, True), np.full((DIRECT_NODES + 3) * takes, direct)])
+    return np.concatenate([each, shape, np.full(NOISE_NODES + OF_WAVE * field.curvature.size, True)])
 
 
 def advanced(field: ShortField, step: Reals) -> ShortField:
     """Return the field after a step (P,) of all parameters."""
     N, S = len(field.positions), len(SPECTRUM)
     each, rest = step[: 5 * N].reshape(N, 5), step[5 * N :]
-    takes = rest[S + NOISE_NODES :].reshape(len(field.direct), DIRECT_NODES + 3)
-    turned = np.einsum("ta,tab->tb", takes[:, DIRECT_NODES:-1], _tangents(field.directions))
+    waves = rest[S + NOISE_NODES :].reshape(*field.curvature.shape, OF_WAVE)
+    turned = np.einsum("twa,twab->twb", waves[..., POWER_NODES:-1], _tangents(field.directions))
     v = field.directions + turned
     return ShortField(
         positions=field.positions + each[:, :3],
         channels=field.channels + each[:, 3:],
         spectrum=field.spectrum + rest[:S],
         noise=np.clip(field.noise + rest[S : S + NOISE_NODES], *NOISE_BOUNDS),
-        direct=field.direct + takes[:, :DIRECT_NODES],
-        directions=v / np.linalg.norm(v, axis=1, keepdims=True),
-        curvature=np.clip(field.curvature + takes[:, -1], 0.0, 2.0),
+        powers=field.powers + waves[..., :POWER_NODES],
+        directions=v / np.linalg.norm(v, axis=-1, keepdims=True),
+        curvature=np.clip(field.curvature + waves[..., -1], 0.0, 2.0),
     )
 
 
@@ -153,9 +153,14 @@ def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndar
     return turned
 
 
+def _gain(field: ShortField) -> np.ndarray:
+    """Return the gains of the channels (N,) complex128."""
+    return np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
+
+
 def _tangents(directions: Reals) -> np.ndarray:
-    """Return two unit vectors perpendicular to each direction (T, 3) : (T, 2, 3)."""
-    return np.linalg.svd(directions[:, None])[2][:, 1:]
+    """Return two unit vectors perpendicular to each direction (T, W, 3) : (T, W, 2, 3)."""
+    return np.linalg.svd(directions[..., None, :])[2][..., 1:, :]
 
 
 @dataclass(frozen=True)
@@ -167,23 +172,40 @@ class ShortLikelihood:
     pressures: Complexes  # (G, W, N) complex64 or complex128; a window that is not used is 0 in all channels
     dispersion: float = 1.0  # windows per independent window; the cost is divided by it
 
+    def waves(self, field: ShortField, nodes: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return sqrt(b) h (G, W, N), its derivatives (G, W, 4, N) by the wave, and slopes of the delays (3, G, W, N).
+
+        nodes : (G, POWER_NODES), weights of the nodes of the powers. The derivatives are those by the logarithm of the
+        power, by the direction along two tangents, and by the curvature.
+        """
+        k, (delays, slopes, turned) = self.wavenumbers[:, None, None], _delays(field)
+        power = np.einsum("gn,gwn->gw", nodes, field.powers[self.takes])
+        h = np.exp(power[..., None] / 2 - 1j * k * delays[self.takes])
+        by_wave = np.stack([h / 2, *(-1j * k * one[self.takes] * h for one in turned)], axis=2)
+        return h, by_wave, slopes[:, self.takes]
+
+    def powers(self, L: Complexes, field: ShortField) -> np.ndarray:
+        """Return p^H C^-1 p of each window (G, W), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
+        whitened = self.pressures @ (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2)
+        return np.sum(whitened.real**2 + whitened.imag**2, axis=2)
+
+    def scatter(self, q: Reals, field: ShortField) -> np.ndarray:
+        """Return the sum of N p p^H / q over the windows, without gains (G, N, N); q : result of `powers`."""
+        weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
+        scatter = (self.pressures * weight[..., None]).swapaxes(1, 2) @ np.conj(self.pressures)
+        return scatter / (_gain(field)[:, None] * np.conj(_gain(field)))
+
     def terms(self, field: ShortField, derivatives: bool = True) -> ShortTerms:
         """Return the cost with priors; raises LinAlgError for a covariance that is not positive definite."""
         k, take, x, N = self.wavenumbers, self.takes, field.positions, len(field.positions)
         each, of_group = np.unique(k, return_inverse=True)
         K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, derivatives)
-        noise_nodes, direct_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, DIRECT_NODES)[of_group]
+        noise_nodes, power_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, POWER_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
-        delays, delay_slopes, turned_delays = _delays(field)
-        h = np.exp(-1j * k[:, None] * delays[take])
-        power = np.exp(np.sum(direct_nodes * field.direct[take], axis=1))
-        direct = power[:, None, None] * h[:, :, None] * h[:, None].conj()
-        C = K[of_group] + noise[:, None, None] * np.eye(N) + direct
+        h, by_wave, delay_slopes = self.waves(field, power_nodes)
+        C = K[of_group] + noise[:, None, None] * np.eye(N) + h.swapaxes(1, 2) @ h.conj()
         L: Complexes = np.linalg.cholesky(C)
-        gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
-        white = np.linalg.inv(L) / gain  # p^H C^-1 p is the square of this matrix times p
-        whitened = self.pressures @ white.swapaxes(1, 2)
-        q = np.sum(whitened.real**2 + whitened.imag**2, axis=2)
+        q = self.powers(L, field)
         counts = q > 0
         windows = counts.sum(axis=1) / self.dispersion
         log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2).real).sum(axis=1)
@@ -192,68 +214,85 @@ class ShortLikelihood:
         prior_cost, prior_gradient, stiffness = _priors(field)
         if not derivatives:
             return ShortTerms(cost + prior_cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-        weight = np.where(counts, N / np.where(counts, q, 1.0), 0.0) / self.dispersion
-        scatter = (self.pressures * weight[..., None]).swapaxes(1, 2) @ np.conj(self.pressures)
-        scatter = scatter / (gain[:, None] * np.conj(gain))
         inverse: Complexes = np.linalg.inv(C)
-        M = windows[:, None, None] * inverse - inverse @ scatter @ inverse
+        M = windows[:, None, None] * inverse - inverse @ self.scatter(q, field) @ inverse
         # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
         rows = [
-            slope[of_group] - 1j * k[:, None, None] * moved[take][:, :, None] * direct
+            slope[of_group] - 1j * k[:, None, None] * ((moved * h).swapaxes(1, 2) @ h.conj())
             for slope, moved in zip(slopes, delay_slopes, strict=True)
         ]
-        turned = [-1j * k[:, None, None] * (t[take, :, None] - t[take, None]) * direct for t in turned_delays]
-        whole = [*shapes[:, of_group], noise[:, None, None] * np.eye(N), direct, *turned]
-        design = _design(take, len(field.direct), noise_nodes, direct_nodes)
-        scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, design)
+        whole = [*shapes[:, of_group], noise[:, None, None] * np.eye(N)]
+        design = _design(take, field, noise_nodes, power_nodes)
+        scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, h, by_wave, design)
         gradient = scores.sum(axis=0) + prior_gradient
         return ShortTerms(cost + prior_cost, gradient, fisher + stiffness, scores)
 
 
-def _design(take: Integers, takes: int, noise_nodes: Reals, direct_nodes: Reals) -> np.ndarray:
-    """Return the derivatives (G, S + 5, V) of the parameters of each group by the parameters of all groups.
+def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: Reals) -> np.ndarray:
+    """Return the derivatives (G, S + 1 + 4 W, V) of the parameters of each group by the parameters of all groups.
 
-    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of its direct sound.
+    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of each of its waves.
     """
-    every, S = np.arange(len(take)), len(SPECTRUM)
-    own = S + NOISE_NODES + (DIRECT_NODES + 3) * take
-    design = np.zeros((len(take), S + 5, S + NOISE_NODES + (DIRECT_NODES + 3) * takes))
+    every, S, (takes, waves) = np.arange(len(take)), len(SPECTRUM), field.curvature.shape
+    design = np.zeros((len(take), S + 1 + 4 * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
     design[:, range(S), range(S)] = 1.0
     design[:, S, S : S + NOISE_NODES] = noise_nodes
-    for node in range(DIRECT_NODES):
-        design[every, S + 1, own + node] = direct_nodes[:, node]
-    for one in range(3):
-        design[every, S + 2 + one, own + DIRECT_NODES + one] = 1.0
+    for wave in range(waves):
+        row, own = S + 1 + 4 * wave, S + NOISE_NODES + OF_WAVE * (take * waves + wave)
+        for node in range(POWER_NODES):
+            design[every, row, own + node] = power_nodes[:, node]
+        for one in range(3):
+            design[every, row + 1 + one, own + POWER_NODES + one] = 1.0
     return design
 
 
 def _scores_and_fisher(
-    windows: Reals, inverse: Complexes, M: Complexes, rows: Sequence[Complexes], whole: Sequence[Numbers], design: Reals
+    windows: Reals,
+    inverse: Complexes,
+    M: Complexes,
+    rows: Sequence[Complexes],
+    whole: Sequence[Reals],
+    h: Complexes,
+    by_wave: Complexes,
+    design: Reals,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient of each group (G, P) and the Fisher information (P, P), by all parameters.
 
     M : (G, N, N), gradient by C; rows : D of each parameter of a microphone; whole : derivatives of C by each parameter
-    of the group; design : result of `_design`
+    of the group but those of its waves, symmetric; h, by_wave : the waves and their derivatives, of
+    `ShortLikelihood.waves`; design : result of `_design`
     """
     G, N = len(inverse), inverse.shape[1]
     P, weight = N * len(rows), windows * N / (N + 1)
     X, transposed = [one @ inverse for one in rows], inverse.swapaxes(1, 2)
-    around = [inverse @ one @ inverse for one in whole]
+    # A parameter of a wave changes C by u h^H + h u^H.
+    u, h = by_wave.reshape(G, -1, N), np.repeat(h, by_wave.shape[2], axis=1)
+    inner_u, inner_h = u @ transposed, h @ transposed
+    around = np.stack([inverse @ one @ inverse for one in whole], axis=1)
     of_rows = np.stack([2 * np.einsum("gij,gji->gi", one, M).real for one in rows], axis=2).reshape(G, P)
     traces = np.stack([2 * np.einsum("gii->gi", one).real for one in X], axis=2).reshape(G, P)
-    F, cross = np.zeros((N, len(rows), N, len(rows))), np.zeros((G, N, len(rows), len(whole)))
+    F, cross = np.zeros((N, len(rows), N, len(rows))), np.zeros((G, N, len(rows), len(whole) + u.shape[1]))
     for a, one in enumerate(rows):
         for b in range(a, len(rows)):
             both = X[a] * X[b].swapaxes(1, 2) + transposed * (X[a] @ np.conj(rows[b].swapaxes(1, 2)))
             F[:, a, :, b] = 2 * np.tensordot(weight, both.real, 1)
             F[:, b, :, a] = F[:, a, :, b].T
-        for v, matrix in enumerate(around):
-            cross[:, :, a, v] = 2 * np.einsum("gij,gji->gi", one, matrix).real
-    flat = np.stack([one.reshape(G, -1) for one in whole], axis=1)
-    turned = np.stack([one.swapaxes(1, 2).reshape(G, -1) for one in around], axis=2)
-    own = (flat @ turned).real
-    of_whole = (flat @ M.swapaxes(1, 2).reshape(G, -1, 1)).real[..., 0]
-    traces_whole = (flat @ transposed.reshape(G, -1, 1)).real[..., 0]
+        cross[:, :, a, : len(whole)] = 2 * np.einsum("gij,gvji->giv", one, around, optimize=True).real
+        both = (one @ inner_u.swapaxes(1, 2)) * inner_h.conj().swapaxes(1, 2)
+        both += (one @ inner_h.swapaxes(1, 2)) * inner_u.conj().swapaxes(1, 2)
+        cross[:, :, a, len(whole) :] = 2 * both.real
+    flat = np.stack(whole, axis=1).reshape(G, len(whole), -1)
+    of_waves = [2 * np.sum(h.conj() * (u @ one.swapaxes(1, 2)), axis=2).real for one in (M, inverse)]
+    of_whole, traces_whole = (
+        np.hstack([(flat @ one.real.reshape(G, -1, 1))[..., 0], waves])
+        for one, waves in zip((M, inverse), of_waves, strict=True)
+    )
+    across_waves = 2 * np.sum((u[:, None] @ around.swapaxes(2, 3)) * h[:, None].conj(), axis=3).real
+    mixed = h.conj() @ inner_u.swapaxes(1, 2)
+    waves = mixed * mixed.swapaxes(1, 2)
+    waves += (h.conj() @ inner_h.swapaxes(1, 2)) * np.conj(u.conj() @ inner_u.swapaxes(1, 2))
+    plain = flat @ around.real.reshape(G, len(whole), -1).swapaxes(1, 2)
+    own = np.block([[plain, across_waves], [across_waves.swapaxes(1, 2), 2 * waves.real]])
     weighted = weight[:, None, None] * design
     shared = np.tensordot(weighted, own @ design, ((0, 1), (0, 1)))
     across = np.tensordot(cross.reshape(G, P, -1), weighted, ((0, 2), (0, 1)))
@@ -313,15 +352,16 @@ def _nodes(k: Reals, count: int) -> np.ndarray:
 
 
 def _delays(field: ShortField) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """Return t (T, N), metres, its slopes (3, T, N) by the coordinates, and three slopes (T, N) by the wave.
+    """Return t (T, W, N), metres, its slopes (3, T, W, N) by the coordinates, and three slopes (T, W, N) by the wave.
 
     The last three are those by the direction, along two tangents, and by the curvature.
     """
-    x, v, q = field.positions, field.directions, field.curvature[:, None]
+    x, v, q = field.positions, field.directions, field.curvature[..., None]
     along, tangents = v @ x.T, _tangents(v) @ x.T
     across = np.sum(x**2, axis=1) - along**2
-    slopes = -v.T[..., None] + q * (x.T[:, None] - along * v.T[..., None])
-    turned = [-tangents[:, one] - q * along * tangents[:, one] for one in range(2)]
+    toward = np.moveaxis(v, -1, 0)[..., None]
+    slopes = -toward + q * (x.T[:, None, None] - along * toward)
+    turned = [-tangents[..., one, :] - q * along * tangents[..., one, :] for one in range(2)]
     return -along + q / 2 * across, slopes, [*turned, across / 2]
 
 
@@ -331,13 +371,14 @@ def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     The priors are Gaussian. A penalty keeps two powers from becoming negative: 1 - r - sum_l a_l Y_l(u), relative to
     the mean, from any direction u, and r.
     """
-    N, T = field.channels.shape[0], len(field.direct)
+    N = len(field.channels)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
     each[:, 3:], spread[:, 3:] = field.channels, CHANNEL_SPREAD
-    takes, widths = np.zeros((T, DIRECT_NODES + 3)), np.full((T, DIRECT_NODES + 3), np.inf)
-    takes[:, :DIRECT_NODES], widths[:, :DIRECT_NODES] = field.direct - DIRECT_PRIOR[0], DIRECT_PRIOR[1]
-    takes[:, -1], widths[:, -1] = field.curvature - CURVATURE_PRIOR[0], CURVATURE_PRIOR[1]
-    away = np.concatenate([each.ravel(), field.spectrum - SPECTRUM_MEAN, field.noise - NOISE_PRIOR[0], takes.ravel()])
+    waves = np.zeros((*field.curvature.shape, OF_WAVE))
+    widths = np.full(waves.shape, np.inf)
+    waves[..., :POWER_NODES], widths[..., :POWER_NODES] = field.powers - POWER_PRIOR[0], POWER_PRIOR[1]
+    waves[..., -1], widths[..., -1] = field.curvature - CURVATURE_PRIOR[0], CURVATURE_PRIOR[1]
+    away = np.concatenate([each.ravel(), field.spectrum - SPECTRUM_MEAN, field.noise - NOISE_PRIOR[0], waves.ravel()])
     noise = np.full(NOISE_NODES, NOISE_PRIOR[1])
     diagonal = 1 / np.concatenate([spread.ravel(), SPECTRUM_SPREAD, noise, widths.ravel()]) ** 2
     gradient, stiffness = away * diagonal, np.diag(diagonal)
@@ -364,33 +405,33 @@ def _directions(count: int) -> np.ndarray:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
 
 
-def with_direct_sound(likelihood: ShortLikelihood, field: ShortField, count: int = 300) -> ShortField:
-    """Return the field with the likeliest direct sound of each take, among `count` directions and four powers."""
-    directions = _directions(count)
-    powers, N = np.exp([-3.0, -1.5, 0.0, 1.5]), len(field.positions)
+def with_wave(likelihood: ShortLikelihood, field: ShortField, count: int = DIRECTIONS) -> ShortField:
+    """Return the field with one more wave of each take, the likeliest among `count` directions and five powers.
+
+    A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
+    """
+    N = len(field.positions)
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
-    K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
-    noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
-    inverses = np.linalg.inv(K + noise[:, None, None] * np.eye(N))
-    gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
-    delays = -directions @ field.positions.T
-    value = np.zeros((len(field.direct), count, len(powers)))
-    for k, take, group, windows in zip(
-        likelihood.wavenumbers, likelihood.takes, of_group, likelihood.pressures, strict=True
-    ):
-        p = windows[np.any(windows, axis=1)] / gain
-        p = p[:: max(1, len(p) // 100)]
-        h = np.exp(1j * k * delays)  # the conjugate of the wave
-        weighted = h @ inverses[group]
-        self_power = np.sum(weighted * np.conj(h), axis=1).real
-        q = np.sum((np.conj(p) @ inverses[group]) * p, axis=1).real
-        along = np.abs(weighted @ p.T) ** 2
-        for b, power in enumerate(powers):
-            left = q - (power / (1 + power * self_power))[:, None] * along
-            value[take, :, b] += len(p) * np.log1p(power * self_power) + N * np.log(left / q).sum(axis=1)
-    best = [np.unravel_index(np.argmin(one), one.shape) for one in value]
+    C = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    C += np.exp(_nodes(each, NOISE_NODES) @ field.noise)[:, None, None] * np.eye(N)
+    h = likelihood.waves(field, _nodes(each, POWER_NODES)[of_group])[0]
+    C = C[of_group] + h.swapaxes(1, 2) @ h.conj()
+    q, inverse = likelihood.powers(np.linalg.cholesky(C), field), np.linalg.inv(C)
+    received = inverse @ likelihood.scatter(q, field) @ inverse
+    directions, powers = _directions(count), np.exp([-4.5, -3.0, -1.5, 0.0, 1.5])
+    curvature = np.full((1, count), CURVATURE_PRIOR[0])
+    delays = _delays(replace(field, directions=directions[None], curvature=curvature))[0][0]
+    value = np.zeros((len(field.curvature), count, len(powers)))
+    windows = np.sum(q > 0, axis=1) / likelihood.dispersion
+    for g, take in enumerate(likelihood.takes):
+        h = np.exp(-1j * likelihood.wavenumbers[g] * delays)
+        s, along = (np.sum((h @ one.T) * h.conj(), axis=1).real[:, None] for one in (inverse[g], received[g]))
+        value[take] += windows[g] * np.log1p(powers * s) - powers / (1 + powers * s) * along
+    best = np.array([np.unravel_index(np.argmin(one), one.shape) for one in value])
+    new = np.log(powers[best[:, 1]])[:, None, None] * np.ones(POWER_NODES)
     return replace(
         field,
-        directions=directions[[int(one[0]) for one in best]],
-        direct=np.log(powers[[int(one[1]) for one in best]])[:, None] * np.ones(DIRECT_NODES),
+        directions=np.concatenate([field.directions, directions[best[:, :1]]], axis=1),
+        powers=np.concatenate([field.powers, new], axis=1),
+        curvature=np.concatenate([field.curvature, np.full((len(new), 1), CURVATURE_PRIOR[0])], axis=1),
     )

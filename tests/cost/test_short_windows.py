@@ -16,9 +16,9 @@ def some_field(rng) -> short.ShortField:
         short.first_field(0.1 * rng.standard_normal((N, 3)), T),
         channels=0.05 * rng.standard_normal((N, 2)),
         spectrum=np.array([0.2, -0.1, 0.15, 0.05, -0.3, 0.1, 0.2]),
-        directions=np.array([[0.6, 0.8, 0.0], [0.0, -0.6, 0.8]]),
-        direct=np.array([[-1.0, -2.0], [-0.5, 0.2]]),
-        curvature=np.array([0.3, 0.8]),
+        directions=np.array([[[0.6, 0.8, 0.0], [0.0, 1.0, 0.0]], [[0.0, -0.6, 0.8], [-0.6, 0.0, -0.8]]]),
+        powers=np.array([[[-1.0, -2.0], [-1.5, -1.0]], [[-0.5, 0.2], [-2.0, -2.5]]]),
+        curvature=np.array([[0.3, 0.1], [0.8, 0.2]]),
     )
 
 
@@ -31,13 +31,14 @@ def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) 
     K = short.anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
     along = (each - each[0]) / (each[-1] - each[0])
     noise = np.exp(np.interp(along, np.linspace(0, 1, len(field.noise)), field.noise))
-    x, v, q = field.positions, field.directions, field.curvature
+    x = field.positions
     for g, (one, take) in enumerate(zip(k, takes, strict=True)):
         m = int(np.searchsorted(each, one))
-        power = np.exp(np.interp(along[m], [0, 1], field.direct[take]))
-        delay = -x @ v[take] + q[take] / 2 * (np.sum(x**2, axis=1) - (x @ v[take]) ** 2)
-        h = np.exp(-1j * one * delay)
-        L = np.linalg.cholesky(K[m] + noise[m] * np.eye(N) + power * np.outer(h, h.conj()))
+        C = K[m] + noise[m] * np.eye(N)
+        for powers, v, q in zip(field.powers[take], field.directions[take], field.curvature[take], strict=True):
+            h = np.exp(-1j * one * (-x @ v + q / 2 * (np.sum(x**2, axis=1) - (x @ v) ** 2)))
+            C = C + np.exp(np.interp(along[m], [0, 1], powers)) * np.outer(h, h.conj())
+        L = np.linalg.cholesky(C)
         z = (rng.standard_normal((windows, N)) + 1j * rng.standard_normal((windows, N))) / np.sqrt(2)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
         found[g] = gain * (z @ L.T) * np.exp(rng.standard_normal((windows, 1)))
@@ -101,17 +102,23 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
     for turned, axes in cases:
         assert np.allclose(short.anisotropic_kernel(turned.positions, k, turned.spectrum, False)[0], before, atol=1e-12)
         assert np.allclose(np.delete(turned.positions, axes, axis=1), 0)
-        moves = short.free_parameters(N, T, axes)[: 5 * N].reshape(N, 5)
+        moves = short.free_parameters(turned, axes)[: 5 * N].reshape(N, 5)
         assert np.array_equal(np.flatnonzero(moves.all(axis=0)), axes)
-    some = short.free_parameters(N, T, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
+    some = short.free_parameters(field, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
     assert np.array_equal(np.flatnonzero(some), range(5)), "the first ones"
     upwards = turned.spectrum[4]  # of the last case, in which z is free; less sound comes from there, the greater it is
     level = [-upwards / 2 + turned.spectrum[0], -upwards / 2 - turned.spectrum[0]]
     assert upwards >= max(level[axis] for axis in axes if axis < 2) and np.allclose(turned.spectrum[2:4], 0, atol=1e-12)
 
 
-def test_the_direction_of_the_direct_sound_is_found():
+def test_direct_sound_and_a_reflection_are_found_one_after_the_other():
     rng = np.random.default_rng(5)
-    field = replace(some_field(rng), direct=np.full((T, 2), 0.5), curvature=np.zeros(T))
-    found = short.with_direct_sound(drawn(field, rng), replace(field, directions=np.tile([1.0, 0, 0], (T, 1))))
-    assert np.all(np.sum(found.directions * field.directions, axis=1) > 0.95)
+    powers = np.array([0.5, -0.5])[:, None] * np.ones((T, 2, 2))
+    field = replace(some_field(rng), powers=powers, curvature=np.zeros((T, 2)))
+    alone = replace(field, powers=powers[:, :0], directions=field.directions[:, :0], curvature=field.curvature[:, :0])
+    likelihood = drawn(field, rng, windows=60)
+    direct = short.with_wave(likelihood, alone)
+    both = short.with_wave(likelihood, direct)
+    assert np.all(np.sum(direct.directions * field.directions[:, :1], axis=2) > 0.95)
+    assert both.directions.shape == field.directions.shape
+    assert np.all(np.diff([likelihood.terms(one, False).cost for one in (alone, direct, both)]) < 0)
