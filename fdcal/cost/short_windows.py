@@ -153,7 +153,7 @@ def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndar
     return turned
 
 
-def _gain(field: ShortField) -> np.ndarray:
+def _gain(field: ShortField) -> Complexes:
     """Return the gains of the channels (N,) complex128."""
     return np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
 
@@ -172,7 +172,7 @@ class ShortLikelihood:
     pressures: Complexes  # (G, W, N) complex64 or complex128; a window that is not used is 0 in all channels
     dispersion: float = 1.0  # windows per independent window; the cost is divided by it
 
-    def waves(self, field: ShortField, nodes: Reals) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def waves(self, field: ShortField, nodes: Reals) -> tuple[Complexes, Complexes, Reals]:
         """Return sqrt(b) h (G, W, N), its derivatives (G, W, 4, N) by the wave, and slopes of the delays (3, G, W, N).
 
         nodes : (G, POWER_NODES), weights of the nodes of the powers. The derivatives are those by the logarithm of the
@@ -184,12 +184,12 @@ class ShortLikelihood:
         by_wave = np.stack([h / 2, *(-1j * k * one[self.takes] * h for one in turned)], axis=2)
         return h, by_wave, slopes[:, self.takes]
 
-    def powers(self, L: Complexes, field: ShortField) -> np.ndarray:
+    def powers(self, L: Complexes, field: ShortField) -> Reals:
         """Return p^H C^-1 p of each window (G, W), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
         whitened = self.pressures @ (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2)
         return np.sum(whitened.real**2 + whitened.imag**2, axis=2)
 
-    def scatter(self, q: Reals, field: ShortField) -> np.ndarray:
+    def scatter(self, q: Reals, field: ShortField) -> Complexes:
         """Return the sum of N p p^H / q over the windows, without gains (G, N, N); q : result of `powers`."""
         weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
         scatter = (self.pressures * weight[..., None]).swapaxes(1, 2) @ np.conj(self.pressures)
@@ -203,7 +203,7 @@ class ShortLikelihood:
         noise_nodes, power_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, POWER_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
         h, by_wave, delay_slopes = self.waves(field, power_nodes)
-        C = K[of_group] + noise[:, None, None] * np.eye(N) + h.swapaxes(1, 2) @ h.conj()
+        C = np.asarray(K[of_group] + noise[:, None, None] * np.eye(N) + h.swapaxes(1, 2) @ h.conj(), np.complex128)
         L: Complexes = np.linalg.cholesky(C)
         q = self.powers(L, field)
         counts = q > 0
@@ -405,8 +405,8 @@ def _directions(count: int) -> np.ndarray:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
 
 
-def with_wave(likelihood: ShortLikelihood, field: ShortField, count: int = DIRECTIONS) -> ShortField:
-    """Return the field with one more wave of each take, the likeliest among `count` directions and five powers.
+def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
+    """Return the field with one more wave of each take, the likeliest among DIRECTIONS directions and five powers.
 
     A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
     """
@@ -415,13 +415,13 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField, count: int = DIREC
     C = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
     C += np.exp(_nodes(each, NOISE_NODES) @ field.noise)[:, None, None] * np.eye(N)
     h = likelihood.waves(field, _nodes(each, POWER_NODES)[of_group])[0]
-    C = C[of_group] + h.swapaxes(1, 2) @ h.conj()
+    C = np.asarray(C[of_group] + h.swapaxes(1, 2) @ h.conj(), np.complex128)
     q, inverse = likelihood.powers(np.linalg.cholesky(C), field), np.linalg.inv(C)
     received = inverse @ likelihood.scatter(q, field) @ inverse
-    directions, powers = _directions(count), np.exp([-4.5, -3.0, -1.5, 0.0, 1.5])
-    curvature = np.full((1, count), CURVATURE_PRIOR[0])
+    directions, powers = _directions(DIRECTIONS), np.exp([-4.5, -3.0, -1.5, 0.0, 1.5])
+    curvature = np.full((1, DIRECTIONS), CURVATURE_PRIOR[0])
     delays = _delays(replace(field, directions=directions[None], curvature=curvature))[0][0]
-    value = np.zeros((len(field.curvature), count, len(powers)))
+    value = np.zeros((len(field.curvature), DIRECTIONS, len(powers)))
     windows = np.sum(q > 0, axis=1) / likelihood.dispersion
     for g, take in enumerate(likelihood.takes):
         h = np.exp(-1j * likelihood.wavenumbers[g] * delays)

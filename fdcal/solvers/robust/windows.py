@@ -1,7 +1,9 @@
 """Positions from short windows (`fdcal.cost.short_windows`), as a term of what the last stage minimises.
 
 The windows are fitted alone, from low to high frequencies, from two starts: one by coherence, and the array that the
-long rows have found. Near the optimum x_s the fit is approximated by a quadratic that moves and turns with the array:
+long rows have found. Waves are added to the field of each take one after the other, the direct sound and then early
+reflections, while each decreases the cost clearly. Near the optimum x_s the fit is approximated by a quadratic that
+moves and turns with the array:
 
     S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = MODEL_EXCESS lambda F^-1
     F       Fisher information on the positions, with all other parameters eliminated
