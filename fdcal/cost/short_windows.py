@@ -28,6 +28,7 @@ applies: the coherence of distant microphones is small at high frequencies, but 
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import j0, j1, spherical_jn
@@ -203,7 +204,7 @@ class ShortLikelihood:
         noise_nodes, power_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, POWER_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
         h, by_wave, delay_slopes = self.waves(field, power_nodes)
-        C = np.asarray(K[of_group] + noise[:, None, None] * np.eye(N) + h.swapaxes(1, 2) @ h.conj(), np.complex128)
+        C = _covariance(K[of_group], noise, h)
         L: Complexes = np.linalg.cholesky(C)
         q = self.powers(L, field)
         counts = q > 0
@@ -226,6 +227,11 @@ class ShortLikelihood:
         scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, h, by_wave, design)
         gradient = scores.sum(axis=0) + prior_gradient
         return ShortTerms(cost + prior_cost, gradient, fisher + stiffness, scores)
+
+
+def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:
+    """Return C (G, N, N) complex128 without gains, from K (G, N, N), the noise (G,) and the waves (G, W, N)."""
+    return K + noise[:, None, None] * np.eye(K.shape[1]) + h.swapaxes(1, 2) @ h.conj()
 
 
 def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: Reals) -> np.ndarray:
@@ -410,12 +416,11 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
 
     A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
     """
-    N = len(field.positions)
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
-    C = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
-    C += np.exp(_nodes(each, NOISE_NODES) @ field.noise)[:, None, None] * np.eye(N)
+    K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
     h = likelihood.waves(field, _nodes(each, POWER_NODES)[of_group])[0]
-    C = np.asarray(C[of_group] + h.swapaxes(1, 2) @ h.conj(), np.complex128)
+    C = _covariance(K[of_group], noise[of_group], h)
     q, inverse = likelihood.powers(np.linalg.cholesky(C), field), np.linalg.inv(C)
     received = inverse @ likelihood.scatter(q, field) @ inverse
     directions, powers = _directions(DIRECTIONS), np.exp([-4.5, -3.0, -1.5, 0.0, 1.5])
