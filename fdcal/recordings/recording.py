@@ -242,7 +242,20 @@ class ImportOptions:
             raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")
 
     def speed(self, in_file: float | None) -> tuple[float, str]:
-        """Return the sound speed, m/s, and its source in words; `in_file`: the speed that the file states, if any."""
+        """Return the sound speed and the source of its value.
+
+        Parameters
+        ----------
+        in_file : float or None
+            Speed that the file states, m/s, if any.
+
+        Returns
+        -------
+        speed : float
+            m/s.
+        source : str
+            Where the value comes from, in words.
+        """
         if self.sound_speed is not None:
             return self.sound_speed, "as given"
         if self.temperature is None and in_file is not None:
