@@ -254,8 +254,9 @@ class RunBar(Tab):
     def show_status(self, tick: PageState) -> None:
         """Bring the status lines up to date."""
         run = self._binding.run
-        left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, tick.counted)]
-        self.status.content = html.status(tick.view, run.measurement, tick.fault, tick.counted, tick.found, left_out)
+        sought = run.sought if tick.sought is None else tick.sought
+        left_out = [run.measurement.names[n] for n in np.setdiff1d(run.sought, sought)]
+        self.status.content = html.status(tick.view, run.measurement, tick.fault, sought, tick.found, left_out)
 
 
 MAX_SEED = 2**31 - 1

@@ -84,17 +84,22 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measuremen
 
 
 class SentScene:
-    """viser's scene; notes each node that is added, and each value that is given to one, in `sent` and `nodes`."""
+    """viser's scene; notes in `sent` and `nodes` each node that is added, and each value of one that changes.
+
+    viser does not send an equal value again. Points and vertices are the first value of a new node.
+    """
 
     def __init__(self):
         self.sent, self.nodes = [], {}
 
-    def add(self, name, *_, **values):
+    def add(self, name, *first, **values):
         scene, name = self, name.removeprefix("/")
 
         class Node(SimpleNamespace):
             def __setattr__(self, key, value):
-                scene.sent.append(name)
+                before = self.__dict__.get(key, *first[:1])
+                if before is None or not np.array_equal(before, value):
+                    scene.sent.append(name)
                 super().__setattr__(key, value)
 
             def remove(self):
