@@ -209,7 +209,8 @@ class Drop:
             return True
         before, since = self._placed
         if self._drag is drag and (view is not before or now - since > PATIENCE):
-            self._drag, self._ended = None, view.state
+            # A session that answers after PATIENCE must not be taken for the next move, which removes the words.
+            self._drag, self._ended = None, view.state if view is not before else None
         return False
 
     def _say(self, words: str, ended: bool = False) -> None:
