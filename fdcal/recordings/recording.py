@@ -260,10 +260,10 @@ class ImportOptions:
             return self.sound_speed, "as given"
         if self.temperature is None and in_file is not None:
             return in_file, "according to the file"
-        celsius = IMPORT_LIMITS.celsius if self.temperature is None else self.temperature
-        return sound_speed(
-            celsius
-        ), f"at {'an assumed temperature of ' * (self.temperature is None)}{celsius:g} degrees Celsius"
+        if self.temperature is not None:
+            return sound_speed(self.temperature), f"at {self.temperature:g} degrees Celsius"
+        assumed = IMPORT_LIMITS.celsius
+        return sound_speed(assumed), f"at an assumed temperature of {assumed:g} degrees Celsius"
 
 
 def number_in(text: str) -> float:

@@ -137,7 +137,15 @@ class SolverRun:
     """
 
     def __init__(
-        self, problem, settings, seed: int, module, states, index: int | None, on_change: Callable, costs: StateCosts
+        self,
+        problem,
+        settings,
+        seed: int,
+        module,
+        states,
+        index: int | None,
+        on_change: Callable[[], None],
+        costs: StateCosts,
     ):
         self._problem, self._settings, self._seed = problem, settings, int(seed)
         self._module = solvers.load(settings.name) if module is None else module
@@ -298,7 +306,14 @@ class Session:
     """
 
     def __init__(
-        self, problem, settings, seed: int, module=None, states=(), index: int | None = None, reference_cost=None
+        self,
+        problem,
+        settings,
+        seed: int,
+        module=None,
+        states=(),
+        index: int | None = None,
+        reference_cost: Callable[..., float] | None = None,
     ):
         self._commands: queue.SimpleQueue[tuple | None] = queue.SimpleQueue()  # None ends the thread
         self._yield_from, self._yield_to = 0.0, 0.0  # s, readings of `time.monotonic`

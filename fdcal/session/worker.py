@@ -80,7 +80,12 @@ class LatestWorker:
     """
 
     def __init__(
-        self, function: Callable, name="fdcal-worker", keep: int = 1, notify=lambda: None, lane: Lane | None = None
+        self,
+        function: Callable,
+        name: str = "fdcal-worker",
+        keep: int = 1,
+        notify: Callable[[], None] = lambda: None,
+        lane: Lane | None = None,
     ):
         self._function, self._name, self._notify = function, name, notify
         self.waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
