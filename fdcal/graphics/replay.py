@@ -39,6 +39,7 @@ from ..model.problem import Problem
 from ..model.scene import Scene
 from ..model.settings import SolverSettings, search_around
 from ..model.validation import evenly_spaced
+from ..solvers.interface import RunState
 from .heatmap import SHOWN, colour_limits, normalise, to_rgb
 from .marks import EDGE, MARKS, marks_json, symbol_svg
 from .picture import focus_of, wall_height, z_range_of
@@ -279,7 +280,7 @@ def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]]
 
 
 def picture_of(
-    measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int], by: Any = slice(None)
+    measurement: Measurement, problem: Problem, state: RunState, n: int, modes: Sequence[int], by: Any = slice(None)
 ) -> str:
     """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG for the index.
 

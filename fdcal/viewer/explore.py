@@ -36,7 +36,7 @@ from ..session.session import SessionView
 from ..session.worker import LatestWorker
 from . import html
 from .server import content
-from .session_view import Viewer
+from .session_view import PageParts, Viewer
 from .state import PICTURE, VIEWS, Binding
 from .tabs.lessons import LessonsTab
 from .tabs.view import KINDS
@@ -238,7 +238,7 @@ class Explore:
     `page` shows the session; the sheet lists the `lessons`; `own_files` receives uploaded files, or is None.
     """
 
-    def __init__(self, page: Any, lessons: LessonsTab, own_files: OwnFiles | None):
+    def __init__(self, page: PageParts, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[sources.OpenRequest, str] | None = None  # the last file shown, and its drawing

@@ -15,7 +15,6 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 from urllib.parse import quote, urlencode
 
 import viser
@@ -277,7 +276,7 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
 class AddressBar:
     """Opens links, and keeps the addresses of all browsers up to date; all but `show` runs on viser's event loop."""
 
-    def __init__(self, page: Any, lessons: LessonsTab):
+    def __init__(self, page: Page, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # a link that waits for a session
         page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
@@ -299,7 +298,7 @@ class AddressBar:
         if lesson:
             part = int(asked.get("part", "1").partition(",")[0])
             try:
-                lessons.open(lesson, part, lambda: self._set(self._page.viewer, client, asked))
+                lessons.open(lesson, part, lambda: self._set(client, asked))
             except InputError as error:  # in the status line, too: the film of the opening covers a notification
                 self._page.switcher.error = error
                 raise
@@ -308,7 +307,7 @@ class AddressBar:
             lessons.leave()
         if scene in ("", own):
             if method in ("", viewer.run.scene.solver.name):
-                self._set(viewer, client, asked)
+                self._set(client, asked)
                 return
             request = OpenRequest(viewer.run.scene, measurement=viewer.run.measurement, fewer_modes=True)
         else:
@@ -320,12 +319,14 @@ class AddressBar:
 
         def then(shown: Viewer | None) -> None:
             if shown is not None:
-                self._page.panels.overlay.guarded(client, lambda: self._set(shown, client, asked))
+                self._page.panels.overlay.guarded(client, lambda: self._set(client, asked))
 
         self._page.open(replace(request, choices=plain_choices()), then)
 
-    def _set(self, viewer: Viewer, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
+    def _set(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Apply the parts of an address that differ from what is shown, so that reloading a page changes nothing."""
+        viewer = self._page.viewer
+        assert viewer is not None  # the session of the address is shown
         binding, now, camera = viewer.binding, parse_address(address_of(viewer)), camera_of(asked)
         keys = {"view"} if "lesson" in asked else set(ADDRESS) - {"scene", "method", "lesson", "part"}
         new = {key: asked[key] for key in ADDRESS if key in keys & asked.keys() and asked[key] != now.get(key)}

@@ -7,9 +7,10 @@ session's queue, the solver thread publishes frozen states, and the main thread 
 import contextlib
 import logging
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import viser
 
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
@@ -23,14 +24,15 @@ from ..model.validation import length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
 from ..session.session import SessionView
-from ..session.sources import CalibrationInput
-from ..session.worker import Memo, Scheduler
+from ..session.sources import CalibrationInput, OpenRequest
+from ..session.worker import Flag, Memo, Scheduler
 from ..solvers.interface import RunState
 from .cost_maps import CostMap, CostMapRequest, CostMapWorker
 from .drop import Drop, MicrophonePicker, MovingMicrophone
 from .html import CONTROLS, canvas_legend
-from .panels import Tabs
-from .prepare import DisplayFrame, PreparedRun
+from .panels import Panels, Tabs
+from .prepare import DisplayFrame, PreparedRun, SessionSwitcher, Then
+from .scene3d import SceneNodes
 from .state import Binding, Choices, PageState
 
 
@@ -155,6 +157,19 @@ FAULT_TIME = 10.0  # s, least time for which an exception of the page stays in t
 log = logging.getLogger(__name__)
 
 
+class PageParts(Protocol):
+    """What a session, the lessons and Explore use of the page (`fdcal.viewer.page.Page`), which imports them."""
+
+    server: viser.ViserServer
+    nodes: SceneNodes
+    panels: Panels
+    switcher: SessionSwitcher
+    wake: Flag
+    viewer: "Viewer | None"
+
+    def open(self, request: OpenRequest, then: Then = ...) -> None: ...
+
+
 class Viewer:
     """Owns the controls, the background threads and the picture of one session.
 
@@ -166,7 +181,7 @@ class Viewer:
     state, or None; `fault` is the last exception of the page, as long as the status lines show it.
     """
 
-    def __init__(self, page: Any, run: PreparedRun, before: Choices | None = None):
+    def __init__(self, page: PageParts, run: PreparedRun, before: Choices | None = None):
         self.run, self._page, self._server, panels = run, page, page.server, page.panels
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
         call = self._server.get_event_loop().call_soon_threadsafe

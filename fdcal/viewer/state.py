@@ -14,7 +14,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partialmethod
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 import viser
@@ -207,6 +207,10 @@ class Tab:
             memo(lambda: True, *inputs)
 
 
+Buttons = viser.GuiButtonHandle | viser.GuiButtonGroupHandle
+Control = TypeVar("Control", bound=viser.GuiInputHandle | Buttons)
+
+
 class Binding:
     """The session that is shown, the choices made for it, its threads, and the values sent to its controls.
 
@@ -244,7 +248,7 @@ class Binding:
         self.tabs: Any = None
         self.state = PageState(run.session.view, microphone=self.choices.microphone, run=run, choices=self.choices)
 
-    def on(self, handle: Any, act: Callable[..., object], of_client: bool = False, command: str = "") -> Any:
+    def on(self, handle: Control, act: Callable[..., object], of_client: bool = False, command: str = "") -> Control:
         """Call `act(value)` when a client has changed a control, but not when this program has; return the control.
 
         `of_client`: whether `act(client, value)` is called instead; `command`: name of the control in `commands`.
@@ -265,7 +269,10 @@ class Binding:
 
         if command:
             self.commands[command] = handle, answer
-        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(respond)
+        if isinstance(handle, Buttons):
+            handle.on_click(respond)
+        else:
+            handle.on_update(respond)
         return handle
 
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
@@ -275,7 +282,7 @@ class Binding:
         """
         handle, answer = self.commands[command]
         options, value = getattr(handle, "options", None), getattr(handle, "value", None)
-        pressed, shift = hasattr(handle, "on_click"), int(text) if text in ("+1", "-1") else 0
+        pressed, shift = isinstance(handle, Buttons), int(text) if text in ("+1", "-1") else 0
         if options is not None:
             value = options[(options.index(handle.value) + shift) % len(options)] if shift else text
             require_choice(command, value, options)

@@ -23,7 +23,7 @@ import fdcal
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import sound_field
 from fdcal.commands.cli import main
-from fdcal.model.scene import Room
+from fdcal.model.scene import Room, load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal_bench import command, draw, run, tasks
 from fdcal_bench.code import CodeVersion, source_hash
@@ -424,6 +424,17 @@ def test_a_field_that_points_of_a_draw_share_changes_no_measurement(tmp_path, mo
     monkeypatch.setattr(tasks, "sound_field", counted)
     assert [row(number) for number in numbers] == alone
     assert len(computed) == 3, "two radii of a draw, and one of another"
+
+
+def test_a_field_is_that_of_its_source(monkeypatch):
+    """Two draws may differ in the place of the source alone."""
+    scene = load_scene("tiny")
+    moved = replace(scene, source=replace(scene.source, position=(0.3, 0.9)))
+    monkeypatch.setattr(tasks, "_fields", {})
+    monkeypatch.setattr(tasks, "cached_recordings", lambda take: None)
+    monkeypatch.setattr(tasks, "sound_field", lambda take, recordings: take.source.position)
+    fields = [tasks._sound_fields(one) for one in (scene, moved, scene)]
+    assert fields == [(scene.source.position,), ((0.3, 0.9),), (scene.source.position,)]
 
 
 def test_statistics_of_a_table_and_its_rows_at_values_of_the_axes():

@@ -11,7 +11,7 @@ import pytest
 from browsing import WAIT
 from doubles import Recorder, State, finish, view_of, wait_until
 
-from fdcal.cost.basins import OUTSIDE, basins_of, local_minima
+from fdcal.cost.basins import OUTSIDE, DescentPath, basins_of, local_minima
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.graphics.picture import static_picture
 from fdcal.model.gauge import position_errors
@@ -19,8 +19,10 @@ from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, modes_text, parse_modes
 from fdcal.session.sources import OpenRequest
+from fdcal.session.worker import Delivery
 from fdcal.viewer import drop as drop_module
-from fdcal.viewer.drop import MicrophonePicker
+from fdcal.viewer.drop import PATIENCE, ROLL_TIME, Descent, Drop, MicrophonePicker
+from fdcal.viewer.html import Overlay
 from fdcal.viewer.prepare import DisplayFrame
 from fdcal.viewer.session_view import SessionPicture
 from fdcal.viewer.state import Binding, Choices, PageState
@@ -246,6 +248,36 @@ def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
     np.testing.assert_allclose(path.points[0], start, atol=1e-9)
     np.testing.assert_allclose(session.view.state.positions[9], path.points[-1])
     assert np.all(np.diff(path.costs) < 0) and path.points[-1][2] != start[2]
+
+
+def test_the_words_of_a_drop_and_their_button_stay_where_the_session_answers_late(server, work):
+    """The session answers after PATIENCE; only a move of the solver or the user removes the words."""
+    binding, overlay = Binding(server.gui, work, 6), Overlay(server.gui)
+    binding.choose(microphone=9, follow=False)
+    drop, before = Drop(binding, overlay), binding.session.view
+    cost_map = SimpleNamespace(
+        request=SimpleNamespace(style=SimpleNamespace(kind="flat"), microphone=9), text_of=lambda cost: f"{cost} dB"
+    )
+    drop.tick(before, cost_map, 0.0)
+    end = np.array(before.state.positions)
+    end[9] = 0.6, 0.5
+    drop.move(9, end[9] + 0.01, 1, True)
+    descent = Descent(DescentPath(np.array([end[9] + 0.01, end[9]]), np.array([2.0, 1.0]), 0), cost_map, True, 0.0025)
+    drop.worker = SimpleNamespace(latest=Delivery((drop._drag, cost_map), descent), request=lambda *_: None)
+    at_rest = 1.0 + ROLL_TIME
+    for now in (1.0, at_rest, at_rest + 1.01 * PATIENCE):
+        assert drop._drag is not None
+        drop.tick(before, cost_map, now)
+    assert drop._drag is None and binding.session.commands[-1][:2] == ("place", 9)
+    late = view_of([before.state, State(end)])
+    for now in (at_rest + 2 * PATIENCE, at_rest + 3 * PATIENCE):
+        drop.tick(late, cost_map, now)
+        words = overlay._regions["words"].content
+        assert "Reached the true position within 3 mm" in words and "Continue from here" in words
+    drop.tick(replace(late, running=True), cost_map, at_rest + 4 * PATIENCE)
+    assert "Continue from here" not in overlay._regions["words"].content
+    binding.threads.close(0.0)
+    server.gui.reset()
 
 
 @pytest.fixture

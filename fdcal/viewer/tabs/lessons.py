@@ -25,7 +25,7 @@ from ..panels import Tabs
 from ..prepare import PreparedRun
 from ..scene3d import Cameras
 from ..server.client_values import fits
-from ..session_view import Viewer
+from ..session_view import PageParts, Viewer
 from ..state import Choices
 
 OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson leaves as they are
@@ -159,7 +159,7 @@ class LessonsTab:
     All methods except `show` run on viser's event loop.
     """
 
-    def __init__(self, page: Any, lessons: Sequence[Lesson]):
+    def __init__(self, page: PageParts, lessons: Sequence[Lesson]):
         self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
