@@ -114,8 +114,8 @@ class Drop:
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
         self.worker = binding.threads.map(self._compute)
-        overlay.on(CONTINUE, lambda client, value: binding.tabs.run_bar.toggle())
-        overlay.on("dismiss", lambda client, value: overlay.show("words", ""))
+        overlay.acts[CONTINUE] = lambda client, value: binding.tabs.run_bar.toggle()
+        overlay.acts["dismiss"] = lambda client, value: overlay.show("words", "")
 
     def move(self, microphone: int, place, gesture: int, released: bool) -> None:
         """Drag a microphone to a position, (2,) or (3,), metres, or release it there; on viser's event loop."""
@@ -222,11 +222,6 @@ class Drop:
         text += f'<button {kind} data-do="{CONTINUE}">Continue from here</button>' if ended else ""
         self._overlay.show("words", text)
 
-    def close(self) -> None:
-        """Remove the words."""
-        self.tries = 0
-        self._say("")
-
     def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
         """Return the way of a microphone downhill from its position, on the thread, by the cost of the map."""
         run, request = self._binding.run, drawn.request
@@ -289,13 +284,10 @@ class MicrophonePicker:
             if event.instance_index in range(self._count):
                 binding.tabs.map.pick(event.instance_index)
 
-        async def drag(move: Move, event) -> None:
-            self._drag(event, move)
+        handles.on_drag("left")(partial(self._drag, drop.move))
+        handles.on_drag("left", modifier="shift")(partial(self._drag, drop.place))
 
-        handles.on_drag("left")(partial(drag, drop.move))
-        handles.on_drag("left", modifier="shift")(partial(drag, drop.place))
-
-    def _drag(self, event, move: Move) -> None:
+    async def _drag(self, move: Move, event) -> None:
         """Move a microphone to the point of the line of sight at its height, within the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)

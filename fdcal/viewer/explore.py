@@ -242,10 +242,10 @@ class Explore:
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
         self._names = scene_names()  # the bar is written with every turn of the main loop
         self._own: tuple[sources.OpenRequest, str] | None = None  # the last file shown, and its drawing
-        overlay.on("scene", self._open)
-        overlay.on("opened", lambda client, _: self._open(client, ""))
+        overlay.acts["scene"] = self._open
+        overlay.acts["opened"] = lambda client, _: self._open(client, "")
         if own_files is not None:
-            overlay.on("own", own_files.open)
+            overlay.acts["own"] = own_files.open
 
     def _open(self, client: viser.ClientHandle, name: str) -> None:
         """Open a scene that comes with fdcal or, for "", the last file that was shown; end a lesson."""

@@ -146,11 +146,6 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
     return f"<div class='fdcal-verdict' style='border-color: {colour}'>{text}</div>"
 
 
-def legend(marks: Iterable[Mark]) -> str:
-    """Return the marks of a legend, each with its symbol and its word."""
-    return drawings_html({escape(mark.text): symbol_svg(mark) for mark in marks})
-
-
 def drawings_html(marks: dict[str, str]) -> str:
     """Return drawings of EDGE by EDGE pixels, whose size follows the text, each with its name."""
     spans = (f"<span><svg viewBox='0 0 {EDGE} {EDGE}'>{mark}</svg> {name}</span>" for name, mark in marks.items())
@@ -184,7 +179,8 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
         colours = f"<div class='colours' style='background: linear-gradient(to right, {gradient})'></div>"
         scale = f"<div>{colours}<div class='ticks'>{ticks}</div></div><div>{of_both_faces(bar.label)}</div>"
         scale = f"<div class='fdcal-scale'>{scale}</div>"
-    return f"<div class='fdcal-legend'>{advice}{scale}{legend(entries)}</div>"
+    marks = drawings_html({escape(mark.text): symbol_svg(mark) for mark in entries})
+    return f"<div class='fdcal-legend'>{advice}{scale}{marks}</div>"
 
 
 CHANNEL = "fdcal command"  # label of the control of the commands, as in page.js
@@ -198,13 +194,14 @@ log = logging.getLogger(__name__)
 class Overlay:
     """Owns the hidden controls, and knows what each command does.
 
-    `wake`: makes the main loop update the page at once.
+    `wake`: makes the main loop update the page at once; `acts`: what is called with client and value for each command,
+    on viser's event loop.
     """
 
     def __init__(self, gui: viser.GuiApi, wake: Callable[[], None] = lambda: None):
         self._wake = wake
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
-        self._acts: dict[str, Act] = {}
+        self.acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
         self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
@@ -218,14 +215,10 @@ class Overlay:
         """Fill a region; any thread. All texts in `html` are escaped already."""
         self._regions[region].content = content(region, html)  # viser sends only what differs
 
-    def on(self, name: str, act: Act) -> None:
-        """Call `act(client, value)` for a command, in place of what it did before; on viser's event loop."""
-        self._acts[name] = act
-
     def receive(self, client: viser.ClientHandle, text: str) -> None:
         """Carry out what a browser has sent: a stamp, a name and a value; `otherwise` gets unknown commands."""
         name, _, value = text.partition(" ")[2].partition("=")
-        act = self._acts.get(name, lambda client, value: self.otherwise(client, name, value))
+        act = self.acts.get(name, lambda client, value: self.otherwise(client, name, value))
         self.guarded(client, lambda: act(client, value))
 
     def guarded(self, client: viser.ClientHandle, act: Callable[[], object]) -> None:

@@ -77,8 +77,8 @@ class Page:
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser that determines whether the page is dark
         self.panels.overlay.otherwise = self.carry_out
-        self.panels.overlay.on("dark", lambda client, value: self._prefer(client, value == "on"))
-        self.panels.overlay.on("face", nodes.cameras.show_face)
+        self.panels.overlay.acts["dark"] = lambda client, value: self._prefer(client, value == "on")
+        self.panels.overlay.acts["face"] = nodes.cameras.show_face
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._checked = 0.0
         self._release_at = math.inf  # when the memory of the last session that was replaced is released
@@ -194,7 +194,7 @@ class Page:
                 new = Viewer(self, run, before)
                 if old is not None:  # its controls leave the scene
                     old.picker.handles.remove()
-                    old.drop.close()
+                    self.panels.overlay.show("words", "")
                     old.binding.remove()
         except Exception as error:
             run.session.close(0.5)
@@ -206,7 +206,7 @@ class Page:
         self.viewer = new
         self.server.gui.set_panel_label(f"fdcal · {run.scene.name}")
         if old is not None:
-            old.close()
+            old.binding.threads.close(1.0)
         elif self._dark:
             self._call(self._prefer, self._first, True)
         if old is None or old.snapshot.picture.focus != new.snapshot.picture.focus:
@@ -232,7 +232,7 @@ class Page:
         if self.own_files is not None:
             self.own_files.close()
         if self.viewer is not None:
-            self.viewer.close(CLOSE_TIME)
+            self.viewer.binding.threads.close(CLOSE_TIME)
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")
         if self.viewer is not None:
@@ -279,7 +279,7 @@ class AddressBar:
     def __init__(self, page: Page, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
         self._asked: tuple[viser.ClientHandle, Mapping[str, str]] | None = None  # a link that waits for a session
-        page.panels.overlay.on("open", lambda client, text: self.open(client, parse_address(text)))
+        page.panels.overlay.acts["open"] = lambda client, text: self.open(client, parse_address(text))
 
     def open(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Show what a link names, in the browser that has followed it and all others.

@@ -9,7 +9,7 @@ the tabs.
 import pkgutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -19,7 +19,7 @@ import numpy as np
 import viser
 
 from .. import solvers
-from ..graphics.marks import MARKS
+from ..graphics.marks import MARKS, symbol_svg
 from ..graphics.replay import filled
 from ..model.address import Unit
 from ..model.gauge import fixes_gauge
@@ -129,7 +129,7 @@ def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
 def help_html() -> str:
     """Return the contents of the tab Help: keys, mouse, marks, and what the numbers mean."""
     keys = "".join(f"<tr><th>{name}</th><td>{escape(label)}</td></tr>" for name, (label, _) in KEYS.items())
-    marks = html.legend(mark for mark in MARKS.values() if mark.text)
+    marks = html.drawings_html({escape(mark.text): symbol_svg(mark) for mark in MARKS.values() if mark.text})
     parts = {"KEYS": keys, "MARKS": marks, "ROOMS": MEASURED_AND_MODELLED}
     return filled(Path(__file__).with_name("help.html").read_text(encoding="utf-8"), parts)
 
@@ -160,10 +160,9 @@ class RunBar(Tab):
         self._lesson = False  # whether a lesson is shown: each of its runs begins slowly
         self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
-        self.run = binding.button(
-            "Play", lambda _: self.toggle(), icon=viser.Icon.PLAYER_PLAY, command="play",
-            hint="Run until paused; from the start where it has ended",
-        )  # fmt: skip
+        hint = "Run until paused; from the start where it has ended"
+        run = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint=hint)
+        self.run = binding.on(run, lambda _: self.toggle(), command="play")
         hint = (
             "Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
             " until a mode is added or the objective changes. Restart: return to the start"
@@ -357,17 +356,10 @@ class SolverTab(Tab):
         send(self.automatic, state.automatic)
 
 
-@cache
-def tab_kinds() -> tuple[Any, ...]:
-    """Return the tabs of a session, of this module and those in `tabs`, in the order in which they are made."""
-    modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
-    kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
-    found = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
-    return tuple(sorted(found, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)))
-
-
 class Tabs:
-    """The run bar and the tabs of one session, in the order in which they are made: a later one may use an earlier one.
+    """The run bar and the tabs of one session, of this module and those in `tabs`.
+
+    They are in the order in which they are made: a later one may use an earlier one.
 
     Each is an attribute: `map` is a MapTab. `place`: function that moves the camera of one browser
     to a view.
@@ -376,7 +368,10 @@ class Tabs:
     def __init__(self, panels: Panels, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self.binding, self._place, self._raised = binding, place, ""  # the kind of map that `look` has chosen
         binding.tabs = self
-        for kind in tab_kinds():
+        modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
+        kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
+        found: list[Any] = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
+        for kind in sorted(found, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)):
             with panels.tabs[kind.where]:
                 binding.folders.append(folder := panels.gui.add_folder(None))  # not visible, as it has no label
                 with folder:

@@ -222,10 +222,6 @@ class Viewer:
         outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
         return outdated or view.running or self.tabs.sweep.playing is not None
 
-    def close(self, timeout: float = 1.0) -> None:
-        """End all threads after the work in progress; wait at most `timeout`, s."""
-        self.binding.threads.close(timeout)
-
     def guarded_tick(self, now: float) -> None:
         """`tick`; an exception is logged once and shown in the status lines, and the page continues."""
         try:

@@ -23,7 +23,6 @@ from ..assessment.words import row_word
 from ..cost.eq7 import ORDER_OFFSET
 from ..graphics.picture import z_range_of
 from ..model.address import Map
-from ..model.measurement import Measurement
 from ..model.validation import InputError, convert, require_choice, within
 from ..session.calibration_run import Assessment
 from ..session.lesson import MAX_ORDER_OFFSET
@@ -86,7 +85,7 @@ class Choices(MapStyle):
         `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do.
         """
         state, order = view.state, self.map_order
-        if has_volume(run.measurement):  # in space the map is the layer of the estimate, or the nearest in the domain
+        if self.in_space:  # in space the map is the layer of the estimate, or the nearest in the domain
             low, high = z_range_of(None, run.measurement)
             positions = np.array(state.positions)
             positions[microphone, 2] = np.clip(positions[microphone, 2], low, high)
@@ -130,13 +129,9 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
         values[key] = None if key == "modes" and not value else convert(value, kinds[key], f"choices.{key}")
     if values.get("modes"):
         values["modes"] = tuple(sorted(set(values["modes"])))
-    choices = replace(choices, **(values | {"in_space": has_volume(measurement)}))
+    in_space = measurement.array_dimension == 3 and measurement.search is not None
+    choices = replace(choices, **(values | {"in_space": in_space}))
     return replace(choices, kind="flat") if choices.kind == "volume" and not choices.in_space else choices
-
-
-def has_volume(measurement: Measurement) -> bool:
-    """Return whether the cost of one microphone can be shown in space."""
-    return measurement.array_dimension == 3 and measurement.search is not None
 
 
 @dataclass(frozen=True)
@@ -309,9 +304,6 @@ class Binding:
     slider = partialmethod(_control, "slider")  # label, lowest, highest, step, value, effect
     checkbox = partialmethod(_control, "checkbox")  # label, value, effect
     dropdown = partialmethod(_control, "dropdown")  # label, names, value, effect
-
-    def button(self, label: str, act: Callable[[Any], object], command: str = "", **options: Any):
-        return self.on(self.gui.add_button(label, **options), act, command=command)
 
     def choice(self, label: str, key: str, values: dict[str, Any] | None = None, **options: Any):
         """Add a control of one of the choices: a list of `values` by their names, or a checkbox for True and False."""

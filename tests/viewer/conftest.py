@@ -74,7 +74,7 @@ def viewer(server, work, monkeypatch):
     made = session_view.Viewer(page, work)
     yield made
     work.solver.gate.release(99)
-    made.close()
+    made.binding.threads.close(1.0)
     server.gui.reset()
     server.scene.reset()
 

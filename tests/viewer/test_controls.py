@@ -124,7 +124,7 @@ def test_a_key_does_what_its_button_does(tiny_page):
     add_keys(SimpleNamespace(add_command=add_command), overlay)
     press = lambda key: finish(pressed[key](SimpleNamespace(client=client)))  # noqa: E731
     commands = {command.partition("=")[0] for _, command in KEYS.values()}
-    assert pressed.keys() == KEYS.keys() and commands <= {*binding.commands, *overlay._acts}
+    assert pressed.keys() == KEYS.keys() and commands <= {*binding.commands, *overlay.acts}
     tabs, last = page.viewer.tabs, binding.measurement.count - 1
     tabs.map.pick(last - 1)
     for key, shown in (("M", last), ("M", last), ("Shift+M", last - 1)):

@@ -47,7 +47,7 @@ def own(server, files):
     opened = []
     overlay = Overlay(server.gui)
     made = OwnFiles(server, opened.append, lambda: None)
-    overlay.on("own", made.open)
+    overlay.acts["own"] = made.open
     with ProtocolPage(f"http://127.0.0.1:{server.get_port()}") as page:
         wait_until(lambda: server.get_clients() and "fdcal command" in page.controls)
 

@@ -99,13 +99,6 @@ class PageBefore:
     values: Mapping[tuple[str, str], Any]  # of the controls that a user can set, by the names of `controls_of`
     cameras: Mapping[int, str | Camera]  # of each browser, see `Cameras.kept_views`
 
-    @classmethod
-    def of(cls, viewer: Viewer, cameras: Cameras) -> "PageBefore":
-        """Return the present state of the page, and pause its run."""
-        viewer.run.session.pause()
-        values = {name: handle.value for name, handle in controls_of(viewer).items()}
-        return cls(viewer.run, viewer.run.session.view, viewer.binding.choices, values, cameras.kept_views())
-
     def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
         """Restore this state in the viewer, which shows the session again; on viser's event loop."""
         viewer.binding.choose(**vars(self.choices))
@@ -137,17 +130,12 @@ INTRODUCTION = (
 WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
 
 
-MOVES = {"back": -1, "restore": 0, "next": 1}  # command: by how many steps it goes on
 NEXT_STEP, NEXT_LESSON, HURRY = "Next step", "Next lesson: {}", "Run to the end"
 PREPARED, RUNS = "The scene of this step is being prepared", "The solver is running"
 
 
 def _button(command: str, text: str, kind: str = "") -> str:
     return f"<button data-do='{command}' class='{kind}'>{escape(text)}</button>"
-
-
-def _paragraphs(text: str) -> str:
-    return "".join(f"<p>{escape(part)}</p>" for part in paragraphs(text))
 
 
 log = logging.getLogger(__name__)
@@ -171,14 +159,16 @@ class LessonsTab:
         self._ended: Callable[[SessionView], bool] | None = None  # returns whether the run of the step has ended
         self._panel = ""  # HTML below the text
         self._left_at: dict[str, int] = {}  # number of the step, from 0, at which each lesson was left, by title
-        overlay = page.panels.overlay
-        overlay.on("lesson", lambda client, name: self.open(name))
-        overlay.on("answer", lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)))
-        overlay.on("follow", lambda client, value: self.follow())
-        overlay.on("end", lambda client, value: self.end())
-        overlay.on("hurry", lambda client, value: page.viewer is not None and page.viewer.tabs.run_bar.hurry())
-        for command, count in MOVES.items():
-            overlay.on(command, lambda client, value, count=count: self.go(count))
+        page.panels.overlay.acts |= {
+            "lesson": lambda client, name: self.open(name),
+            "answer": lambda client, number: self.answer(whole(number, 0, MAX_CHOICES - 1)),
+            "follow": lambda client, value: self.follow(),
+            "end": lambda client, value: self.end(),
+            "hurry": lambda client, value: page.viewer is not None and page.viewer.tabs.run_bar.hurry(),
+            "back": lambda client, value: self.go(-1),
+            "restore": lambda client, value: self.go(0),
+            "next": lambda client, value: self.go(1),
+        }
 
     @property
     def _awaited(self) -> str:
@@ -206,11 +196,13 @@ class LessonsTab:
         if progress.answered and not awaited:
             following = NEXT_STEP if number < last else self._next_lesson and NEXT_LESSON.format(self._next_lesson)
         panel = "" if self._pending is not None else self._panel
+        body = "".join(f"<p>{escape(part)}</p>" for part in paragraphs(step.reveal if answered else step.text))
+        text = f"<div class='text'>{body}</div>"
         parts = [f"<div class='dim'>{escape(lesson.title)}, step {number + 1} of {last + 1}</div>"]
         if number == 0 and not answered and self._before is not None:
             parts.append(f"<div class='dim'>{escape(WAITS)}</div>")
         if not answered:
-            parts.append(f"<div class='text'>{_paragraphs(step.text)}</div>")
+            parts.append(text)
         if step.question and (answered or not awaited):
             parts.append(f"<b>{escape(step.question)}</b>")
         if awaited and answered:
@@ -226,7 +218,7 @@ class LessonsTab:
                 parts.append(f"<div>{'&#10003;' if i == right else '&#10007;'} <b>{escape(step.choices[i])}</b></div>")
             if answered:
                 parts.append(f"<b>{'Right.' if choice == right else 'Not quite.'}</b>")
-                parts.append(f"<div class='text'>{_paragraphs(step.reveal)}</div>")
+                parts.append(text)
             parts.append(panel)
         if not awaited and not answered and step.choices:
             buttons = "".join(_button(f"answer={i}", text) for i, text in enumerate(step.choices))
@@ -274,8 +266,15 @@ class LessonsTab:
         if number is not None and (self.progress.lesson, self.progress.number) == (lesson, at):
             then()
             return
-        if self._page.viewer is not None and self.progress.lesson is None:
-            self._before = self._returning or PageBefore.of(self._page.viewer, self._page.nodes.cameras)
+        viewer, self._before = self._page.viewer, self._before or self._returning
+        if viewer is not None and self.progress.lesson is None and self._before is None:
+            viewer.run.session.pause()
+            values, cameras = (
+                {name: handle.value for name, handle in controls_of(viewer).items()},
+                self._page.nodes.cameras,
+            )
+            own = viewer.run, viewer.run.session.view, viewer.binding.choices, values, cameras.kept_views()
+            self._before = PageBefore(*own)
         self._returning = None
         self.progress = LessonProgress(lesson, at)
         self._set_up(True, then)

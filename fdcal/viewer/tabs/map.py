@@ -23,7 +23,7 @@ from ...session.worker import Memo
 from .. import cost_maps, html
 from ..cost_maps import CostMap, CostMapRequest, MapStyle, carried_modes, cost_map, map_modes
 from ..prepare import PreparedRun
-from ..state import MAX_ORDER_OFFSET, Binding, Choices, PageState, Tab, has_volume
+from ..state import MAX_ORDER_OFFSET, Binding, Choices, PageState, Tab
 from .curves import BLUE, ORANGE, RED, Plot, dots
 
 
@@ -81,9 +81,9 @@ class MapTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, self._possible = binding, binding.run.problem.search is not None
-        self._caption = Memo()
-        self.kinds = tuple(kind for kind in cost_maps.MAP_KINDS if kind != "volume" or has_volume(binding.measurement))
-        choices, row = binding.choices, binding.row
+        self._caption, choices = Memo(), binding.choices
+        self.kinds = tuple(kind for kind in cost_maps.MAP_KINDS if kind != "volume" or choices.in_space)
+        row = binding.row
 
         def of_kind(*kinds: str) -> Callable[[Choices], bool]:
             return lambda choices: self._possible and choices.kind in kinds
@@ -218,10 +218,9 @@ class SweepTab(Tab):
             uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
         )
         with binding.gui.add_folder(f"Add {row}s"):
-            self.play = binding.button(
-                self._label, lambda _: self.toggle(), icon=viser.Icon.PLUS, command="sweep",
-                hint=f"Add one {row} after the other to the map",
-            )  # fmt: skip
+            hint = f"Add one {row} after the other to the map"
+            play = binding.gui.add_button(self._label, icon=viser.Icon.PLUS, hint=hint)
+            self.play = binding.on(play, lambda _: self.toggle(), command="sweep")
             self.summed = binding.slider(
                 f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, command="modes",
                 hint=f"How many {row}s the map is the sum of",

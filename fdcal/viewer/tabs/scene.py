@@ -70,7 +70,8 @@ class SceneTab(Tab):
         seed, hint = min(parameters.seed, MAX_SEED), "Of random microphone positions, of the noise and of random starts"
         self.seed = gui.add_number("Scene seed", seed, min=0, max=MAX_SEED, step=1, hint=hint)
         hint = "Simulate this scene and restart"
-        self.apply = binding.button("Apply", lambda _: self.press(), icon=viser.Icon.CHECK, hint=hint)
+        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint=hint)
+        self.apply = binding.on(apply, lambda _: self.press())
         self.message = gui.add_html(html.remark(MEASURED_AND_MODELLED) if modelled else "")
         self.refresh()
         self.known.value = parameters.known
