@@ -218,7 +218,7 @@ def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():
 
 
 @pytest.fixture
-def response_file(tmp_path, apart):
+def response_file(tmp_path):
     path = tmp_path / "response.mat"
     rng = np.random.default_rng(0)
     angles = {"azi_rad": rng.uniform(-3, 3, 200), "ele_rad": rng.uniform(-1.5, 1.5, 200)}
@@ -226,13 +226,12 @@ def response_file(tmp_path, apart):
     return path
 
 
-@pytest.mark.parametrize("kind", (20, 255))
-def test_an_element_of_an_unknown_type_is_refused(response_file, kind):
+def test_an_element_of_an_unknown_type_is_refused(response_file, apart):
     """SciPy's compiled reader takes the type as an index and ends its process on some of these."""
     data = bytearray(response_file.read_bytes())
     tag = data.index(b"azi_rad") + 8  # of the values
     assert data[tag] == 9, "double"
-    data[tag] = kind
+    data[tag] = 255
     response_file.write_bytes(data)
     refuses(r"response\.mat", plane_waves.load_sdm_response, response_file)
 

@@ -495,7 +495,7 @@ def test_every_solver_finds_a_healthy_array_good(healthy, solver):
         np.testing.assert_allclose(same.uncertainty, found.uncertainty, rtol=0.1)
 
 
-@pytest.mark.parametrize(("known", "snr_db"), [(CORNERS, np.inf), (CORNERS, 10), ([], 30)])
+@pytest.mark.parametrize(("known", "snr_db"), [(CORNERS, np.inf), ([], 30)])
 def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     seed = int(10 * len(known) + min(snr_db, 50))
     measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))
@@ -505,28 +505,22 @@ def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
     assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
 
 
-@pytest.mark.parametrize(
-    ("kind", "known", "noise_given"), [("gain", [], True), ("phase", CORNERS, False), ("garbage", CORNERS, False)]
-)
-def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, noise_given):
+@pytest.mark.parametrize("known", [[], CORNERS])
+def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(known):
+    """A weak one of a blind array, and one of garbage where the noise is not reported."""
     measurement, rng = room(known), np.random.default_rng(1)
     p = np.array(measurement.pressures)
     noise = rng.standard_normal((2, len(p)))
-    p[:, 17] = {
-        "gain": 0.4 * p[:, 17],
-        "phase": -p[:, 17],
-        "garbage": np.abs(p).mean(axis=1) * (noise[0] + 1j * noise[1]),
-    }[kind]
-    altered = replace(measurement, pressures=p, **({} if noise_given else {"noise_power": None}))
-    ends = [at(altered), *([solving.solved(altered, "joint").estimate] if noise_given else [])]
+    p[:, 17] = np.abs(p).mean(axis=1) * (noise[0] + 1j * noise[1]) if known else 0.4 * p[:, 17]
+    altered = replace(measurement, pressures=p, **({"noise_power": None} if known else {}))
+    ends = [at(altered), *([] if known else [solving.solved(altered, "joint").estimate])]
     for found in map(assess, ends):
         assert [fault.name for fault in found.channels.faults] == ["17"] and found.verdict == "good", found.message
         assert "faulty: microphone 17" in found.message
 
 
-@pytest.mark.parametrize(("snr_db", "known"), [(np.inf, CORNERS), (30, [])], ids=["known", "blind"])
-def test_a_source_inside_the_array_is_not_good(snr_db, known):
-    found = assess(at(room(known, snr_db, source=(2.7, 2.4))))
+def test_a_source_inside_the_array_is_not_good():
+    found = assess(at(room([], source=(2.7, 2.4))))
     assert found.verdict in ("model_mismatch", "known_position"), found.message
 
 
@@ -603,7 +597,7 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
 @pytest.mark.parametrize("known", ["all", "none"])
 def test_the_same_end_has_the_same_sigma(healthy, known):
     """Whatever the way to it: from the end again with one microphone dragged off."""
-    measurement = healthy if known == "all" else measured(array(), np.zeros(0, int), modes=MODES)
+    measurement = healthy if known == "all" else replace(healthy, known=np.zeros(0, int), known_positions=None)
     problem, first = (end := solving.solved(measurement)).problem, end.state
     start = np.array(first.positions)
     start[int(problem.free[3])] += 0.2 * np.array([0.6, 0.8])

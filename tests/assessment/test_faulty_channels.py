@@ -84,32 +84,30 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     assert np.all(shift < 2 * found.uncertainty[others])
 
 
-@pytest.mark.parametrize(
-    ("kind", "unit", "value", "factor"),
-    [
-        ("inverted", "", None, lambda f: -1.0),
-        ("gain", "dB", 6.0, lambda f: 10 ** (6 / 20)),
-        ("gain", "degrees", 40.0, lambda f: np.exp(1j * np.radians(40))),
-        ("delayed", "s", -2e-4, lambda f: np.exp(2j * np.pi * f * 2e-4)),
-        ("high_pass", "Hz", 40.0, lambda f: 1j * f / (40 + 1j * f)),
-    ],
-)
-def test_a_fault_is_named_with_its_value(healthy, kind, unit, value, factor):
-    p = np.array(healthy.pressures)
-    p[:, FAULTY] *= factor(healthy.frequencies)
-    found, faulty = found_in(replace(healthy, pressures=p))
-    assert [(n, one.kind, one.unit) for n, one in faulty.items()] == [(FAULTY, kind, unit)]
-    assert faulty[FAULTY].value == (value if value is None else pytest.approx(value, rel=0.1))
-    # the faulty one, too: what is wrong with it is part of the model
-    assert np.max(errors(found, healthy)) < 0.012
+# Faults of channels: what multiplies their pressures, and the kind, unit and value that are found.
+GAINS = {
+    2: (lambda f: -1.0, "inverted", "", None),
+    7: (lambda f: 10 ** (6 / 20), "gain", "dB", 6.0),
+    9: (lambda f: np.exp(1j * np.radians(40)), "gain", "degrees", 40.0),
+}
+FILTERS = {
+    7: (lambda f: 1j * f / (40 + 1j * f), "high_pass", "Hz", 40.0),
+    13: (lambda f: np.exp(2j * np.pi * f * 2e-4), "delayed", "s", -2e-4),
+}
 
 
-def test_faults_that_the_model_explains_are_no_mismatch(healthy):
+@pytest.mark.parametrize("faults", [GAINS, FILTERS], ids=["gains", "filters"])
+def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mismatch(healthy, faults):
     """Unless they are many, which test_assess.py has."""
-    p, numbers = np.array(healthy.pressures), [2, 7, 13]
-    p[:, numbers] *= np.exp(-2j * np.pi * healthy.frequencies * 1e-3)[:, None]
+    p = np.array(healthy.pressures)
+    for n, (factor, *_) in faults.items():
+        p[:, n] *= factor(healthy.frequencies)
     found, faulty = found_in(replace(healthy, pressures=p))
-    assert found.verdict == "good" and set(faulty) == set(numbers), found.message
+    assert found.verdict == "good" and faulty.keys() == faults.keys(), found.message
+    for n, (_, kind, unit, value) in faults.items():
+        assert (faulty[n].kind, faulty[n].unit) == (kind, unit)
+        assert faulty[n].value == (value if value is None else pytest.approx(value, rel=0.1))
+    # the faulty ones, too: what is wrong with them is part of the model
     assert np.max(errors(found, healthy)) < 0.012
 
 

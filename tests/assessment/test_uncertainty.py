@@ -81,7 +81,7 @@ def test_95_percent_ellipses_cover_95_percent(given):
     Of rooms and over many draws: `python -m benchmarks claim`.
     """
     rng, covered, ratios, free = np.random.default_rng(1), [], [], np.setdiff1d(np.arange(len(TRUTH)), given)
-    for _ in range(5):
+    for _ in range(3):
         found = ended(diffuse(rng, given))
         x = found.positions if len(given) else align(found.positions, TRUTH)
         blocks, error = covariance_of(found if len(given) else replace(found, positions=x)), x - TRUTH

@@ -23,7 +23,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["view", "--host", "no such host"], ["host = no such host", "127.0.0.1"]),
         (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
         (["calibrate", "array1"], ["did you mean array1_circle?"]),
-        (["simulate", "lshpae", "-o", "x.npz"], ["did you mean lshape?"]),
         (["simulate", "tiny"], ["-o"]),
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
@@ -43,7 +42,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["calibrate", "tiny", "--start", "affine"], ["leave out --start"]),
         (["calibrate", "tiny", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], ["--gains auto"]),
         (["calibrate", "tiny", "--gain-sigma", "1..2dB,5deg"], ["as 1dB,5deg"]),
-        (["calibrate", "tiny", "--gain-sigma", "0dB,5deg"], ["solver.gain_sigma_db"]),
         (["calibrate", "tiny", "--known-sigma", "5"], ["as 5mm"]),
         (["calibrate", "tiny", "--sound-speed-sigma", "0.3"], ["as 0.3%"]),
         (["calibrate", "tiny", "--distance", "0,4,1"], ["--distance", "without known"]),
@@ -52,7 +50,6 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["plan", "nothing"], ['"nothing" names no array', '"circle 16 0.2"']),
         (["plan", LAYOUT, "--frequencies", "all"], ["is not a band; write LO:HI"]),
         (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "as 6x5 or 6x5x2.7"]),
-        (["plan", LAYOUT, "--gain-sigma", "1"], ["'--gain-sigma'", "as 1dB"]),
     ],
 )
 def test_bad_arguments_exit_2(arguments, words, refused):
@@ -107,7 +104,6 @@ def test_a_file_of_another_kind_is_said_to_be_one(tmp_path, refused, name, conte
         (["calibrate", "gone.json"], r"cannot read scene gone\.json: No such file or directory"),
         (["calibrate", "gone.wav"], r"gone\.wav: No such file or directory"),
         (["calibrate", "gone.npz"], r"cannot read gone\.npz: No such file or directory"),
-        (["import", "gone.wav", "-o", "a.npz"], r"cannot read gone\.wav: No such file or directory"),
         (["plan", "gone.csv"], r"cannot read gone\.csv: No such file or directory"),
         (["simulate", "gone.toml", "-o", "new.npz"], r"cannot read scene gone\.toml: No such file or directory"),
         (["simulate", "tiny", "-o", "gone/new.npz"], "mkdir"),

@@ -143,8 +143,6 @@ def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkey
         (["--replay", "nowhere.wav"], "cannot read nowhere.wav"),
         (["--replay", "one.wav", "--channels", "99"], "give fewer --channels"),
         (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
-        (["--replay", "one.wav", "--temperature", "900"], "temperature = 900"),
-        (["--replay", "one.wav", "--replay", "nowhere.wav"], "cannot read nowhere.wav"),
         (["--replay", "one.wav", "--replay", "one.wav", "nowhere.wav"], "cannot read nowhere.wav"),
         (["--replay", "one.wav", "--seconds", "nan"], "seconds = nan must be a number"),
         (["--replay", "one.wav", "--result", "list.json"], "list.json exists"),

@@ -216,7 +216,7 @@ def assert_same(maps, expected):
     assert np.all(np.abs(maps - expected).max(axis=(1, 2)) < 1e-7 * span)
 
 
-@pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-6])
+@pytest.mark.parametrize("share", [1e-1, 1e-6])
 @pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 2), (3, 3)])
 def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
     """Of fields and arrays in a plane and in space; that the pressures do not fit those in space is no matter."""
@@ -228,7 +228,7 @@ def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
     assert_same(maps, directly(problem, positions, noise, problem.search))
 
 
-@pytest.mark.parametrize("away", [0.0, 1.0, 2.5, 40.0])
+@pytest.mark.parametrize("away", [1.0, 40.0])
 def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(away):
     problem = replace(MEASURED.problem(), search=AREA)
     noise = noise_of(problem, 1e-4)

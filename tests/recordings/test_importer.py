@@ -253,24 +253,21 @@ def test_an_impossible_choice_is_refused(call, words):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A WAV of responses, one of a stationary source, and a table of five known microphones."""
+    """A WAV of responses, and a table of five known microphones."""
     path = tmp_path_factory.mktemp("mine")
     quiet = noisy(responses(), 40)
     soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
-    recorded_samples, _ = stationary_source(20, 30)
-    soundfile.write(path / "work.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="FLOAT")
     write_places(path / "known.csv", places()[:5])
     return path
 
 
-@pytest.mark.parametrize(("name", "kind"), [("responses.wav", "impulse response"), ("work.wav", "stationary source")])
-def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys, quick_import):
+def test_from_a_recording_to_a_table_of_positions(folder, tmp_path, monkeypatch, capsys, quick_import):
     monkeypatch.chdir(tmp_path)
+    name = "responses.wav"
     before = (folder / name).read_bytes()
     run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
     printed = capsys.readouterr().out
-    assert kind in printed
-    assert "channels     24" in printed
+    assert "impulse response" in printed and "channels     24" in printed
     assert "known        5 of 24" in printed
     run("import", folder / name, "-o", "m.npz", code=2)
     assert "--force" in capsys.readouterr().err
@@ -343,7 +340,6 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
 @pytest.mark.parametrize(
     ("options", "words", "code"),
     [
-        (["--frequencies", "300:20"], "is not a band", 2),
         (["--frequencies", "low"], "write auto or LO:HI", 2),
         (["--kind", "music"], "'auto', 'impulse', 'stationary'", 2),
         (["--temperature", "300"], "degrees Celsius", 2),
@@ -355,7 +351,6 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
         (["--array-radius", "-1"], "above zero", 2),
         (["--reference", "nothing.wav"], "No such file", 3),
         (["--known", "0,1"], "contains no positions", 2),
-        (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
         (["--source", "1"], "one source only", 2),
     ],
 )

@@ -1,13 +1,11 @@
 """Files of positions that somebody gives: Acoular's XML and tables."""
 
-import csv
 import json
 import re
 import zipfile
 
 import numpy as np
 import pytest
-import sofar
 import soundfile
 from recorded import write_places
 from running import exit_code, refuses
@@ -224,21 +222,17 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("known", "change", "said"),
+    ("change", "said"),
     [
-        ("none", lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
-        ("all", lambda x: 0.95 * x, r"the list is 5.0 % too small, or the air is (28|29) K colder than assumed"),
-        ("none", lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
-        ("all", lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, 13, 14, 15]], r"channels 3 \(M04\) and 12 .* are swapped"),
-        ("none", lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
+        (lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
+        (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
+        (lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
     ],
 )
-def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(
-    tmp_path, capsys, known, change, said
-):
+def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(tmp_path, capsys, change, said):
     places = change(np.asarray(fdcal.load("tiny").positions))
     positions = write_places(tmp_path / "list.csv", places, [f"M{n:02d}" for n in range(1, 17)])
-    assert exit_code("calibrate", "tiny", "--known", known, "--check", "--positions", positions) == 5
+    assert exit_code("calibrate", "tiny", "--known", "none", "--check", "--positions", positions) == 5
     lines = capsys.readouterr().out.splitlines()
     assert any(re.fullmatch(said, line) for line in lines)
     assert sum(word in line for line in lines for word in ("too large", "its place")) <= 1
@@ -299,18 +293,11 @@ def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, know
     for suffix in FORMATS_WRITTEN:
         found.export(tmp_path / f"out.{suffix}")
     found.save(tmp_path / "result.json")
-    with open(tmp_path / "out.csv", newline="") as file:
-        table = [[float(row["x"]), float(row["y"])] for row in csv.DictReader(file)]
-    rows = json.loads((tmp_path / "out.json").read_text())["microphones"]
     outputs = {
         "to_dataframe": found.to_dataframe()[["x", "y"]].to_numpy(),
         "to_json": json.loads(found.to_json())["positions"],
         "from_json": fdcal.Calibration.from_json(found.to_json()).positions,
         "save": fdcal.Calibration.load(tmp_path / "result.json").positions,
-        "csv": table,
-        "json": [[row["x"], row["y"]] for row in rows],
-        "npy": np.load(tmp_path / "out.npy").T[:, :2],
-        "sofa": sofar.read_sofa(str(tmp_path / "out.sofa"), verbose=False).ReceiverPosition[:, :2, 0],
     }
     outputs |= {f"read {one}": read_places(tmp_path / f"out.{one}")[1][:, :2] for one in FORMATS_WRITTEN}
     for name, output in outputs.items():

@@ -194,7 +194,7 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     settings = solvers.with_mode_count(problem, dataclasses.replace(scene.solver, name=name, start=None))
     run = SolverRun(problem, settings, 0, None, (), None, lambda: None, StateCosts())
     rows, count = problem.pressures.shape
-    for _ in range(60):
+    for _ in range(40):
         first, last = sorted(rng.integers(1, rows + 1, 2).tolist())
         command = [
             (SolverRun.use_modes, first, last, bool(rng.integers(2))), (SolverRun.pause,),
