@@ -145,13 +145,11 @@ def test_too_low_a_sampling_rate_names_one_that_is_enough():
         ({"outline": ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, {}, (0.5, 0.5), "below 0"),
         ({"outline": ((0.0, 0.0), (1.0, 0.1), (2.0, 0.0), (1.0, 0.12))}, {}, (0.5, 0.5), "pieces|no cell"),
         ({"size": (2000.0, 2000.0)}, {}, (0.5, 0.5), "use a larger one"),
-        ({"outline": ((1e6, 0.0), (1e6 + 1, 0.0), (1e6 + 1, 1.0))}, {}, (0.5, 0.5), "use a larger one"),
         ({}, {}, (1.5, 1.3), r"microphone 0 = \[1.5, 1.3\] m is outside"),
         ({}, {"position": (3.0, 0.5)}, (0.5, 0.5), "source.position"),
         ({}, {"duration": 0.02}, (0.5, 0.5), "source.duration = 0.02 s is shorter than .*; use at least 0.05"),
         ({}, {"duration": 1e6}, (0.5, 0.5), "over 4 GB"),
         ({}, {"low": 1e-6}, (0.5, 0.5), "source.duration = 0.08 s is shorter than .*higher source.low"),
-        ({}, {"low": 1e-6, "duration": 1e9}, (0.5, 0.5), "over 4 GB"),
     ],
 )
 def test_what_simulate_refuses(room, source, ear, words):

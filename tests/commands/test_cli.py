@@ -122,13 +122,6 @@ def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painte
     assert "least cost" in printed and 'Name="cost_dB"' in (tmp_path / "ball.vti").read_text()
 
 
-def test_scenes_and_help(tmp_path):
-    assert "tiny" in done("scenes", folder=tmp_path)
-    assert "calibrate" in done(folder=tmp_path)
-    printed = done("calibrate", "--help", folder=tmp_path)
-    assert "I,J,METRES" in printed and "None]" not in printed
-
-
 def test_a_damaged_scene_is_named_and_the_others_are_listed(tmp_path, monkeypatch, capsys):
     (tmp_path / "bad.toml").write_text("sed = 3\n")
     assert exit_code("calibrate", tmp_path / "bad.toml") == 2

@@ -155,7 +155,6 @@ def test_modes_that_the_microphones_cannot_carry_are_refused():
 
 # The cost by which the positions of all solvers are compared, also where the solver estimates faulty channels.
 
-SHIFT = 0.05  # m
 FAULTY = (9, 3)  # inverted, dead
 
 
@@ -216,16 +215,6 @@ def run():
         problem,
         run_from(solver, problem, solver.init(problem, scene.solver, scene.seed)),
     )
-
-
-def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
-    truth, problem, states = run
-    reference_cost, channels, rng = eq7.ReferenceCost(problem), states[-1].channels, np.random.default_rng(0)
-    there = reference_cost(truth, channels)
-    for n in np.setdiff1d(np.arange(len(truth)), FAULTY):
-        away, moved = rng.normal(size=2), truth.copy()
-        moved[n] += SHIFT * away / np.linalg.norm(away)
-        assert reference_cost(moved, channels) > there + 5.0, n
 
 
 def test_a_map_at_the_estimate_is_the_reference_cost(run):

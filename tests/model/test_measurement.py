@@ -101,20 +101,15 @@ def test_a_required_key_is_asked_for(written, key):
     ("changes", "words"),
     [
         ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
-        ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
         ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "none is left to be found"]),
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
         ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
         ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
-        ({"pressures": np.array([[True, False]])}, ["pressures is true or false", "complex numbers"]),
-        ({"sound_speed": [343.0]}, ["sound_speed = '[343.0]' must be a number", "give a number"]),
         ({"sound_speed": -343.0}, ["sound_speed = -343 m/s", "above zero"]),
         ({"dimension": 2.5}, ['dimension = "2.5" is unknown', "use one of 2, 3"]),
         ({"array_dimension": 0}, ["array_dimension", "0"]),
-        ({"names": np.arange(5)}, ["names is int64", "texts"]),
         ({"names": ["a", "b", "c", "d", "d"]}, ["names must be 5 different texts"]),
         ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
-        ({"search_size": np.zeros(100_000)}, ["differ in dimension"]),
         ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
         *(
             ({"spectrum": wrong}, ["spectrum"])

@@ -105,9 +105,7 @@ def test_a_file_keeps_them_and_leaves_out_microphones(imported, tmp_path):
     ("given", "key"),
     [
         ({"arrivals": np.zeros((1, 3))}, "arrivals"),
-        ({"arrivals": np.zeros(16)}, "arrivals"),
         ({"arrivals": np.full((1, 16), np.inf)}, "arrivals"),
-        ({"arrivals": np.full((1, 16), 1e9)}, "arrivals"),
         ({"arrivals": [["a"] * 16]}, "arrivals"),
         ({"arrival_sigma": -1e-6}, "arrival_sigma"),
         ({"arrival_sigma": [1e-6, 1e-6]}, "arrival_sigma"),

@@ -253,18 +253,12 @@ def of_channel(number: int, values):
     return lambda path: write_wav(path, np.where(np.arange(N)[:, None] == number, values, SAMPLES), "FLOAT")
 
 
-def too_long(path: Path) -> None:
-    with open(path, "wb") as file:  # more than can be counted
-        np.lib.format.write_array_header_1_0(file, {"descr": "<f8", "fortran_order": False, "shape": (2**62, 2**62)})
-
-
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
         ("nothing.wav", lambda path: None, "No such file"),
         ("a.doc", lambda path: path.write_text("x"), "fdcal cannot read the format of"),
         ("a.txt", lambda path: path.write_text("x"), "not a table of samples; give one line for each time"),
-        ("a.csv", lambda path: path.write_text("name,x,y\n0,1,2\n"), "a table of positions; give it as positions"),
         ("a.npy", lambda path: np.save(path, SAMPLES),
          'no sampling rate beside "a" (5 channels, 400 samples); give rate'),
         ("a.npy", lambda path: np.save(path, SAMPLES * 1j), "does not hold an array of real numbers"),
@@ -275,24 +269,20 @@ def too_long(path: Path) -> None:
         ("a.mat", lambda path: savemat(path, {"x": SAMPLES, "fs": 8e3, "rate": 9e3}), "several sampling rates: fs"),
         ("a.mat", lambda path: savemat(path, {"p": SAMPLES[0], "azi_rad": SAMPLES[0], "ele_rad": SAMPLES[0]}),
          "an impulse response with directions; use it as the room of a scene"),
-        ("a.wav", lambda path: path.write_text("this is no sound"), "not a sound file"),
         ("a.wav", lambda path: os.truncate(write_wav(path), path.stat().st_size // 2), "truncated"),
         ("a.npz", lambda path: np.savez(path, recordings=SAMPLES), "no sampling rate"),
         ("a.h5", in_hdf5(lambda file: file["time_data"].attrs.pop("sample_freq")), "no sampling rate"),
         ("a.h5", in_hdf5(lambda file: file.pop("time_data")), "no array of real samples"),
         ("a.h5", of_rate("fast"), '"time_data.sample_freq" is fast; give one number'),
-        ("a.h5", of_rate([1.0, 2.0]), '"time_data.sample_freq" is an array (2,)'),
         ("a.h5", in_hdf5(lambda file: file["time_data"].__setitem__((7, 1), np.nan)), 'sample 7 of channel "1" is not'),
         ("mesh", in_mesh("ir_3.npy", Path.unlink), "no ir_3.npy"),
         ("mesh", in_mesh("ir_3.npy", lambda path: np.save(path, np.zeros((2, 7)))), "ir_3.npy has shape (2, 7)"),
         ("mesh", in_mesh("ir_3.npy", lambda path: os.truncate(path, 900)), "ir_3.npy is damaged or truncated"),
-        ("mesh", in_mesh("ir_3.npy", too_long), "ir_3.npy is damaged"),
         ("mesh", in_mesh("ir_3.npy", lambda path: np.save(path, np.full((2, T), 1e300))),
          'sample 0 of channel "3" is 1e+300, too large for a sound'),
         ("mesh", in_mesh("pos_mic.npy", lambda path: np.save(path, PLACES[:, :2])), "pos_mic.npy has shape (5, 2)"),
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].setncattr("Units", "degree, degree, metre")), "in degrees"),
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].__setitem__(slice(None), np.nan)), "empty or not finite"),
-        ("a.sofa", in_sofa(lambda f: f["Data.SamplingRate"].__setitem__(slice(None), 0.0)), "sampling rate = 0 Hz"),
         ("a.sofa", in_sofa(lambda f: f.renameVariable("Data.IR", "Data.XX")), 'no "Data.IR"'),
         ("a.sofa", in_sofa(lambda f: f.renameVariable("SourcePosition", "Elsewhere")), 'has no "SourcePosition"'),
         ("a.sofa", in_sofa(lambda f: f["ListenerView"].__setitem__(slice(None), [0, 0, 1.0])), "not two directions"),

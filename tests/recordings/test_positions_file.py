@@ -149,27 +149,22 @@ def geometry(old: str, new: str) -> str:
     ("name", "text", "words"),
     [
         ("t.xml", geometry("-1e-1", "left"), 'microphone 1: x = "left" is not a number'),
-        ("t.xml", geometry("-1e-1", "[" * 3000), r'x = "\[\['),
         ("t.xml", geometry('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"'), "not valid XML"),
-        ("t.xml", geometry('y="-0.2"', ""), 'microphone 1: y = "" is not a number'),
         ("t.xml", geometry(' x="', ' u="'), "no column of"),
         ("t.xml", geometry("</MicArray>", ""), "not valid XML"),
         # what only Python takes for a number
         *(("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3") for cell in "1_0 ٣ nan inf 1e400 0x1".split(" ")),
         ("t.csv", "name,x,y\na,1,2\nb,,3\n", "line 3"),
         ("t.csv", "", "must begin with the line name,x,y"),
-        ("t.csv", "name,x,y\na,1\n", "line 2"),
         ("t.csv", "name,x,y\na,1,2\na,3,4\n", "twice"),
         ("t.csv", "name,x,y\na,0,5,0,34\n", "line 2: 'a,0,5,0,34' has more cells than the header; separate cells by"),
         ("t.csv", "0,1,2\n1,2,3\n", "first column may be the numbers of the microphones or x; begin with"),
         ("t.csv", "a,1,2,3,4\n", "has 5 columns and no line that names them"),
         ("t.csv", "name,x,y\n#1,0.1,0.2\n2,0.4,0.5\n", "line 2: is '#1,0.1,0.2' a comment"),
         ("t.csv", "name,channel,x,y\na,1,0,0\nb,0,1,0\n", 'column "channel" of numbers is not understood'),
-        ("t.csv", "name,x,y,nx\na,1,0,0.5\n", 'column "nx" of numbers is not understood'),
         ("t.csv", "name,x (mm),y (cm)\na,1,0\n", "the units in"),
         ("t.csv", "name,x,y,unit\na,1,0,mm\nb,1,0,cm\n", "column of units does not hold one unit"),
         ("t.csv", "name;x;y\na;1,5;2\nb;1.5;2\n", "with a comma and with a point"),
-        ("t.csv", "name;x;y\na;1,234.5;2\nb;1.5;2\n", 'line 2: x = "1,234.5" is not a number'),
         ("t.csv", "mic,azimuth,elevation,r\na,1,0,1\n", "may be degrees or radians; write"),
         ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
         ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
@@ -201,9 +196,8 @@ def exchanged(tmp_path):
 
 
 def test_exchanged_channels_are_found_with_the_positions_of_a_file_also_of_a_part_of_them(exchanged, capsys):
-    for part in ((), ("--exclude", "1,2")):
-        exit_code("calibrate", "tiny", *part, "--check", "--positions", exchanged)
-        assert "3 (Point 3) and 10 (Point 10) are swapped" in capsys.readouterr().out
+    exit_code("calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", exchanged)
+    assert "3 (Point 3) and 10 (Point 10) are swapped" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

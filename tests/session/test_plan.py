@@ -47,20 +47,15 @@ def test_layouts_from_files(tmp_path):
         ({"reverberation_time": 1e9}, "frequencies"),
         ({"band": (300.0, 200.0)}, "frequencies"),
         ({"band": (20.0, 21.0)}, "frequencies"),
-        ({"band": (5000.0, 6000.0)}, "frequencies"),
         ({"known": (0, 0)}, "known"),
-        ({"known": (99,)}, "known"),
         ({"known": tuple(range(12))}, "known"),
         ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
-        ({"known_sigma": 0.005}, "known_sigma"),
-        ({"room": (5.0,)}, "room"),
         ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
         ({"kind": "speech"}, "kind"),
         ({"kind": "impulse"}, "room"),
         ({"takes": 101}, "takes"),
         # larger than the room: a plane, a ball that has no band either, an array in a plane room
         ({"text": "rectangle 4x4 3x3", "room": (2.0, 4.0, 2.5)}, "room"),
-        ({"text": "ball 16 4", "room": (5.0, 4.0, 2.6)}, "room"),
         ({"text": "circle 16 0.3", "room": (5.0, 0.7)}, "room"),
     ],
 )
@@ -236,18 +231,3 @@ def test_the_advice_follows_from_the_table(text, others):
                     takes, ratio = (int(number), ratio) if "places" in part else (takes, number)
                 row, column = plan.takes.index(takes), [f"{x:g}" for x in plan.snr_db].index(f"{ratio:g}")
                 assert reached[row, column], "what is advised is in the table"
-
-
-def test_the_words_have_the_numbers_of_the_plan():
-    plan = planning.make_plan(request_of("ball 12 0.3", takes=3))
-    assert plan.forecast.low < plan.forecast.rms < plan.forecast.high
-    assert plan.expected[2, 0] == plan.forecast.rms
-    lines = planning.plan_lines(plan)
-    low, high, rms = (f"{1e3 * value:.3g} mm" for value in (plan.forecast.low, plan.forecast.high, plan.forecast.rms))
-    assert lines[2].startswith(f"expected error: {rms} rms, {low} to {high} in 8 of 10 recordings; short windows")
-    assert lines[0].endswith("the source at 3 places, recorded equally long from each")
-    head, *rows = (" ".join(line.split()) for line in lines[-7:-1])
-    assert head == "30 dB 33 dB 36 dB 40 dB"
-    for takes, row, values in zip((1, 2, 3, 4, 8), rows, plan.expected, strict=True):
-        cells = " ".join(f"{1e3 * value:.3g} mm" for value in values)
-        assert row == f"{takes} place{'s' * (takes > 1)} {cells}"

@@ -78,11 +78,9 @@ def test_a_step_never_raises_what_it_minimises(clean):
         assert there == pytest.approx(after.cost, rel=1e-12) and there <= here
 
 
-@pytest.mark.parametrize("snr_db, rms_mm, known", [(40, 3.0, KNOWN), (20, 40.0, [])])
-def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm, known):
-    last = solve(measured(TRUTH, known, snr_db=snr_db, seed=1))[-1]
-    placed = last.positions if known else align(last.positions, TRUTH)
-    assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
+def test_noise_costs_accuracy_and_loses_no_array():
+    last = solve(measured(TRUTH, [], snr_db=20, seed=1))[-1]
+    assert np.sqrt(np.mean(position_errors(align(last.positions, TRUTH), TRUTH) ** 2)) < 0.04
 
 
 def test_noise_is_estimated_unless_it_is_reported_and_a_given_snr_overrides_what_is_reported():
