@@ -16,7 +16,7 @@ import time
 import traceback
 import webbrowser
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -47,11 +47,11 @@ def printable(text: str) -> str:
     return "".join(x if x.isprintable() or x in "\n\t" else "?" for x in text)
 
 
+@dataclass(eq=False)
 class PrintableOutput:
     """A stream that writes only `printable` text."""
 
-    def __init__(self, stream: Any):
-        self._stream = stream
+    _stream: Any
 
     def write(self, text: str) -> int:
         """Write a text."""

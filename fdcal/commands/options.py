@@ -10,7 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -28,13 +28,13 @@ UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
 NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
+@dataclass(frozen=True)
 class ValueOf(click.ParamType):
-    """The type of an option that `read` parses; `words` is the end of the message for a text that it cannot parse."""
+    """The type of an option."""
 
+    read: Callable[[str], Any]  # parses it
+    words: str  # the end of the message for a text that it cannot parse
     name = "value"
-
-    def __init__(self, read: Callable[[str], Any], words: str):
-        self.read, self.words = read, words
 
     def convert(self, value, param, ctx) -> Any:
         try:

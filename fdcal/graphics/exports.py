@@ -8,7 +8,7 @@
 .png   real part, imaginary part and magnitude, a row for each frequency; of a volume the layer at half height
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,7 @@ from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
 def landscape_vti(panels: LandscapePanels) -> str:
     """Return the text of a .vti file with one field for each mode, and their sum, at height 0."""
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
-    fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes} | {"sum": panels.maps[-1]}
-    (x, y), step = panels.search.origin[:2], panels.search.step
-    ny, nx = panels.maps.shape[1:]
-    return image((nx, ny, 1), (x, y, 0.0), (step, step, step), fields)
+    return image(panels.search, {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes} | {"sum": panels.maps[-1]})
 
 
 def volume_vti(cost: np.ndarray, search: Search) -> str:
@@ -35,24 +32,21 @@ def volume_vti(cost: np.ndarray, search: Search) -> str:
 
     Fields of every point: `cost` (nz, ny, nx), relative to the power, and `cost_dB`.
     """
-    values = np.asarray(cost, float).ravel()
-    fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
-    fields = {name: field.astype(np.float32) for name, field in fields.items()}
-    return image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
+    decibels = 10 * np.log10(np.maximum(cost, np.finfo(float).tiny))
+    return image(search, {"cost": cost.astype(np.float32), "cost_dB": decibels.astype(np.float32)})
 
 
-def image(
-    shape: Sequence[int], origin: Sequence[float], spacing: Sequence[float], fields: Mapping[str, np.ndarray]
-) -> str:
-    """Return the text of an image file (.vti) of fields with a value for each point, x fastest; lengths in metres."""
+def image(search: Search, fields: Mapping[str, np.ndarray]) -> str:
+    """Return the text of an image file (.vti) of fields over a lattice: (ny, nx) at height 0, or (nz, ny, nx)."""
     from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
 
     data = vtkImageData()
-    data.SetDimensions(*map(int, shape))
-    data.SetOrigin(*map(float, origin))
-    data.SetSpacing(*map(float, spacing))
+    shape = next(iter(fields.values())).shape[::-1]
+    data.SetDimensions(*shape, *(1,) * (3 - len(shape)))
+    data.SetOrigin(*search.origin[: len(shape)], *(0.0,) * (3 - len(shape)))
+    data.SetSpacing(*[search.step] * 3)
     for name, values in fields.items():
         array = numpy_support.numpy_to_vtk(np.ascontiguousarray(np.ravel(values)), deep=True)
         array.SetName(name)

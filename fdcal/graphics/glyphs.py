@@ -25,7 +25,7 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
     inner = 2 * np.arange(corners)
     following = (inner + 2) % (2 * corners)
     faces = np.stack([inner, inner + 1, following + 1, inner, following + 1, following], axis=1).reshape(-1, 3)
-    return _repeat(centres, circle, faces)
+    return (centres[:, None, :] + circle).reshape(-1, 3), _copies(faces, 2 * corners, len(centres))
 
 
 def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
@@ -35,7 +35,7 @@ def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Trian
     side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
     start, end = segments[:, 0] - extension * along, segments[:, 1] + extension * along
     vertices = np.stack([start - side, end - side, end + side, start + side], axis=1)
-    return vertices.reshape(-1, 3), _quads(len(segments))
+    return vertices.reshape(-1, 3), _copies(QUAD, 4, len(segments))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
@@ -46,18 +46,16 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 def squares(centres: np.ndarray, edge: float) -> Triangles:
     """Return a filled square of side `edge`, metres, around each of the (P, 3) `centres`, four vertices each."""
-    return _repeat(centres, edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), _quads(1))
+    square = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    return (centres[:, None, :] + square).reshape(-1, 3), _copies(QUAD, 4, len(centres))
 
 
-def _repeat(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Triangles:
-    """Return one shape, repeated around every centre."""
-    first = len(vertices) * np.arange(len(centres))[:, None, None]
-    return (centres[:, None, :] + vertices).reshape(-1, 3), (first + faces).reshape(-1, 3)
+QUAD = np.array([[0, 1, 2], [0, 2, 3]])  # faces of a quadrilateral
 
 
-def _quads(count: int) -> np.ndarray:
-    """Return the faces of `count` quadrilaterals of four vertices each."""
-    return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+def _copies(faces: np.ndarray, corners: int, count: int) -> np.ndarray:
+    """Return the faces of `count` copies of a shape that has `corners` vertices."""
+    return (corners * np.arange(count)[:, None, None] + faces).reshape(-1, 3)
 
 
 def loop(vertices, z: float) -> np.ndarray:

@@ -51,7 +51,6 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
 MIN_LINE_WIDTH = 0.75  # pixels
 SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
 PEELS = 12  # layers of translucent surfaces that are sorted
-RECTANGLE, UNIT_SQUARE = np.array([[0, 1, 2], [0, 2, 3]]), np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:

@@ -85,11 +85,18 @@ class SceneParameters:
 
 def parameters_of(scene: Scene) -> SceneParameters:
     """Return the present parameters of a scene."""
-    count = scene.array.number
+    array, count = scene.array, scene.array.number
+    if array.radius is not None:
+        radius = array.radius
+    elif array.size is not None:
+        radius = max(array.size) / 2
+    else:
+        points = np.array(array.positions)
+        radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
     reflection = (1 - scene.room.admittance) / (1 + scene.room.admittance)
     return SceneParameters(
         microphones=count,
-        radius=_radius(scene.array),
+        radius=radius,
         walls=scene.room.walls,
         absorption=1 - reflection**2,
         snr_db=scene.measurement.snr_db,
@@ -128,15 +135,6 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
 def min_known(scene: Scene) -> int:
     """Return the number of known microphones that fix translation, rotation and mirror image; 0 for a room in 3-D."""
     return 0 if scene.room.dimension == 3 else scene.array.dimension + 1
-
-
-def _radius(array: Array) -> float:
-    if array.radius is not None:
-        return array.radius
-    if array.size is not None:
-        return max(array.size) / 2
-    points = np.array(array.positions)
-    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
 
 def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -> Array:

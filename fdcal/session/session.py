@@ -37,17 +37,15 @@ COST_TIME = 0.25  # time that costs may take while the solver runs, as a fractio
 MAX_FILLED = 300  # number of states, evenly spaced over a run, whose cost is computed when the solver is paused
 
 
+@dataclass(eq=False)
 class StateCosts:
-    """Costs of states, dB, kept as long as the states exist.
+    """Costs of states, dB, kept as long as the states exist."""
 
-    `reference_cost` returns the cost of a state; without it every cost is NaN. `newest` is the cost computed last.
-    """
-
-    def __init__(self, reference_cost: Callable[..., float] | None = None):
-        self._reference_cost = reference_cost
-        self._values: dict[int, tuple[weakref.ref, float]] = {}
-        self.duration = 0.0  # seconds that the last cost took
-        self.newest, self.count = float("nan"), 0
+    _reference_cost: Callable[..., float] | None = None  # returns the cost of a state; without it every cost is NaN
+    duration: float = 0.0  # seconds that the last cost took
+    newest: float = float("nan")  # the cost computed last
+    count: int = 0
+    _values: dict[int, tuple[weakref.ref, float]] = field(default_factory=dict)
 
     def of(self, state: RunState) -> float:
         """Return the cost of a state, dB; NaN if it has not been computed."""

@@ -102,13 +102,8 @@ class LatestWorker:
         with self._lane.changed:
             return self.running or bool(self.waiting)
 
-    @property
-    def full(self) -> bool:
-        """Whether one more request would drop one that waits."""
-        return len(self.waiting) == self.waiting.maxlen
-
     def request(self, *arguments) -> None:
-        """Request `function(*arguments)`; if the queue is `full`, this replaces the oldest request that waits."""
+        """Request `function(*arguments)`; if `keep` requests wait, this replaces the oldest of them."""
         with self._lane.changed:
             self.waiting.append(arguments)
             if self._lane.thread.ident is None:
@@ -159,8 +154,7 @@ VALUES = (int, float, str, tuple)  # compared by value; objects of other types a
 class Memo:
     """Keeps the last value, unless it is None, and returns it while its inputs are the same. Threads may share it."""
 
-    def __init__(self):
-        self._kept: tuple[tuple, Any] = (), None
+    _kept: tuple[tuple, Any] = (), None
 
     def get(self, *inputs) -> Any:
         """Return the value if it was made from these inputs, else None."""
@@ -170,13 +164,15 @@ class Memo:
         )
         return value if same else None
 
+    def keep(self, value: Any, *inputs) -> Any:
+        """Keep and return the value that was made from these inputs."""
+        self._kept = inputs, value
+        return value
+
     def __call__(self, make: Callable[[], Any], *inputs) -> Any:
         """Return the value for these inputs; call `make` if the last one was made from others."""
         value = self.get(*inputs)
-        if value is None:
-            value = make()
-            self._kept = inputs, value
-        return value
+        return self.keep(make(), *inputs) if value is None else value
 
 
 class Scheduler:
@@ -190,13 +186,13 @@ class Scheduler:
         self.session: Session | None = None
         self._maps, self._jobs = Lane("fdcal-maps"), Lane("fdcal-jobs")
 
-    def map(self, function: Callable) -> LatestWorker:
-        """Return a worker that calls `function`, which is quick, with the newest request."""
-        return LatestWorker(function, "a map", notify=self._wake, lane=self._maps)
+    def worker(self, function: Callable, quick: bool = False, keep: int = 1) -> LatestWorker:
+        """Return a worker that calls `function` with the newest requests, of which `keep` may wait.
 
-    def job(self, function: Callable, keep: int = 1) -> LatestWorker:
-        """Return a worker that calls `function`, which takes longer, with the newest requests; `keep` may wait."""
-        return LatestWorker(function, "a job", keep, self._wake, self._jobs)
+        `quick`: whether the results follow a pointer; longer computations have a thread of their own.
+        """
+        name, lane = ("a map", self._maps) if quick else ("a job", self._jobs)
+        return LatestWorker(function, name, keep, self._wake, lane)
 
     def close(self, timeout: float) -> None:
         """End all threads after the work in progress; wait at most `timeout`, s."""

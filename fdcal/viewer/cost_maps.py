@@ -227,8 +227,8 @@ class CostMapWorker:
         # of volumes, by whether fine: the values, and what is drawn of them without the layer
         self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
         self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
-        self.worker = threads.map(self._compute)
-        self._fine_worker = threads.job(self._compute_fine)
+        self.worker = threads.worker(self._compute, quick=True)
+        self._fine_worker = threads.worker(self._compute_fine)
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
         """Return the map to show, or None, and the error because of which it cannot be computed, or "".
@@ -280,18 +280,18 @@ class CostMapWorker:
         pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS
         if not fine:
             pixels, negligible, points = COARSE_PIXELS, COARSE_NEGLIGIBLE, COARSE_POINTS
-        sampled: SampledVolume | None = self._sampled[True].get(key)
-        fine = fine or sampled is not None
-
-        def sample() -> SampledVolume | None:
+        kept = self._sampled[True].get(key)
+        fine = fine or kept is not None
+        sampled: SampledVolume | None = kept or self._sampled[fine].get(key)
+        if sampled is None:
             state, n, modes = request.state, request.microphone, request.modes
             offset = ORDER_OFFSET if request.order_offset is None else request.order_offset
             of = state.positions, n, modes, offset, state.channels
             terms = maps.cost_volume(self._run.problem, *of, cancelled, negligible)
-            return None if terms is None else sampled_volume(terms, points, cancelled)
-
-        if sampled is None and (sampled := self._sampled[fine](sample, key)) is None:
-            return None
+            sampled = None if terms is None else sampled_volume(terms, points, cancelled)
+            if sampled is None:
+                return None
+            self._sampled[fine].keep(sampled, key)
         height = z_range_of(self._run.known_scene, self._run.measurement)[0]
         minima = sampled.minima if style.minima else None
         shown = sampled.cost, sampled.search, style.log, minima, map_label(self._run, request).partition(" (")[0]
@@ -316,23 +316,20 @@ class CostMapWorker:
             own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
             floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
             return CostMap(request, floor, None, 0.0, 0.0)
-
-        def compute() -> tuple[Reals, Minima]:
+        if (found := self._costs.get(request.key)) is None:
             total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)
-            return total, maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
-
-        total, minima = self._costs(compute, request.key)
-        return cost_map(run, request, total, search, minima)
+            minima = maps.map_minima(run.problem, run.solver, request.state, n, modes, offset, total, search)
+            found = self._costs.keep((total, search, minima), request.key)
+        return cost_map(run, request, *found)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """Return the finer map, mode by mode; None as soon as another one is requested; on the slow thread."""
         cancelled = lambda: not self.worker.wants(request)  # noqa: E731
         if request.style.volume:
             return self._volume(request, True, cancelled)
-
-        def compute() -> tuple[Reals, Search, Minima] | None:
-            found = fine_maps(self._run, request, cancelled)
-            return None if found is None else (*found[1:], maps.minima_of(*found[1:]))
-
-        found = self._fine_costs(compute, request.key)
-        return None if found is None else replace(cost_map(self._run, request, *found), fine=True)
+        if (found := self._fine_costs.get(request.key)) is None:
+            made = fine_maps(self._run, request, cancelled)
+            if made is None:
+                return None
+            found = self._fine_costs.keep((*made[1:], maps.minima_of(*made[1:])), request.key)
+        return replace(cost_map(self._run, request, *found), fine=True)

@@ -113,7 +113,7 @@ class Drop:
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
         self.tries = self.home = 0
-        self.worker = binding.threads.map(self._compute)
+        self.worker = binding.threads.worker(self._compute, quick=True)
         overlay.acts[CONTINUE] = lambda client, value: binding.tabs.run_bar.toggle()
         overlay.acts["dismiss"] = lambda client, value: overlay.show("words", "")
 
@@ -225,16 +225,15 @@ class Drop:
     def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
         """Return the way of a microphone downhill from its position, on the thread, by the cost of the map."""
         run, request = self._binding.run, drawn.request
-
-        def on_lattice() -> tuple:
+        if (found := self._cost.get(request, drawn.fine)) is None:
             if drawn.sampled is not None:
-                return drawn.sampled.cost, drawn.sampled.search, basins_of(drawn.sampled.cost)
-            n, modes, order = request.microphone, request.modes, request.order_offset
-            search = lattice_of(run.problem, modes)  # on which the minima of the map were found
-            cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
-            return cost, search, basins_of(cost)
-
-        cost, search, basins = self._cost(on_lattice, request, drawn.fine)
+                cost, search = drawn.sampled.cost, drawn.sampled.search
+            else:
+                n, modes, order = request.microphone, request.modes, request.order_offset
+                search = lattice_of(run.problem, modes)  # on which the minima of the map were found
+                cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
+            found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
+        cost, search, basins = found
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
         truth = run.drawn_truth(request.state.positions)
         if truth is None or run.measurement.nominal:

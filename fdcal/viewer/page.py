@@ -76,7 +76,6 @@ class Page:
         self.explore = Explore(self, self.lessons, self.own_files)
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser that determines whether the page is dark
-        self.panels.overlay.otherwise = self.carry_out
         self.panels.overlay.acts["dark"] = lambda client, value: self._prefer(client, value == "on")
         self.panels.overlay.acts["face"] = nodes.cameras.show_face
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
@@ -101,11 +100,6 @@ class Page:
                 self.own_files.forget(client.client_id)
             if self.viewer is not None:
                 self.viewer.picker.forget(client.client_id)
-
-    def carry_out(self, client: viser.ClientHandle, command: str, value: str = "") -> None:
-        """Execute a command of the session (`Binding.commands`), if it exists; on viser's event loop."""
-        if self.viewer is not None and command in self.viewer.binding.commands:
-            self.viewer.binding.carry_out(client, command, value)
 
     def _prefer(self, client: viser.ClientHandle | None, dark: bool) -> None:
         """Follow a browser's preference for a dark page, unless a user has chosen; on viser's event loop.
@@ -203,7 +197,7 @@ class Page:
             self.switcher.refuse(prepared, error)
             old.drawn = Memo()
             return
-        self.viewer = new
+        self.viewer, self.panels.overlay.otherwise = new, new.binding.carry_out
         self.server.gui.set_panel_label(f"fdcal · {run.scene.name}")
         if old is not None:
             old.binding.threads.close(1.0)

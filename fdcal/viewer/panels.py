@@ -7,13 +7,13 @@ the tabs.
 """
 
 import pkgutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from html import escape
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import viser
@@ -361,13 +361,25 @@ class Tabs:
 
     They are in the order in which they are made: a later one may use an earlier one.
 
-    Each is an attribute: `map` is a MapTab. `place`: function that moves the camera of one browser
+    Each is an attribute, and they are in the list `parts`. `place`: function that moves the camera of one browser
     to a view.
     """
 
+    run_bar: RunBar
+    solver: SolverTab
+    # of the modules in `tabs`
+    curves: Any
+    export: Any
+    map: Any
+    microphones: Any
+    scene: Any
+    spectrum: Any
+    sweep: Any
+    view: Any
+
     def __init__(self, panels: Panels, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
         self.binding, self._place, self._raised = binding, place, ""  # the kind of map that `look` has chosen
-        binding.tabs = self
+        self.parts, binding.tabs = list[Tab](), self
         modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
         kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
         found: list[Any] = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
@@ -375,14 +387,8 @@ class Tabs:
             with panels.tabs[kind.where]:
                 binding.folders.append(folder := panels.gui.add_folder(None))  # not visible, as it has no label
                 with folder:
-                    setattr(self, kind.part, kind(binding))
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any: ...
-
-    def __iter__(self) -> Iterator[Tab]:
-        return (tab for tab in vars(self).values() if isinstance(tab, Tab))
+                    self.parts.append(kind(binding))
+                    setattr(self, kind.part, self.parts[-1])
 
     def look(self, client: viser.ClientHandle, view: str) -> None:
         """Place the camera of one browser; a flat map becomes a relief, or isosurfaces, in the view from the side."""
@@ -413,5 +419,5 @@ class Tabs:
     def show(self, tick: PageState) -> None:
         """Bring everything up to date; called by the main loop."""
         self.binding.state = tick
-        for tab in self:
+        for tab in self.parts:
             tab.update(tick)

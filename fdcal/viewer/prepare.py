@@ -28,7 +28,7 @@ from ..session.calibration_run import with_estimated_domain
 from ..session.session import Session, SessionView
 from ..session.sources import OpenRequest, as_given
 from ..session.worker import LatestWorker, Memo
-from ..solvers.interface import RunState, Solver
+from ..solvers.interface import Solver
 
 COMPILE_TIME = 1.0  # s; a function that takes longer is being compiled, a faster one is read from the disk
 
@@ -102,11 +102,12 @@ class DisplayFrame:
 
     def view(self, view: SessionView) -> SessionView:
         """Return a view whose present state has the positions that the page draws; its history is not changed."""
-
-        def moved() -> RunState:
-            return replace(view.state, positions=frozen_array(self.positions(view.state.positions), float))
-
-        return view if self._anchor is None else replace(view, state=self._moved(moved, view.state, self.by))
+        if self._anchor is None:
+            return view
+        if (state := self._moved.get(view.state, self.by)) is None:
+            state = replace(view.state, positions=frozen_array(self.positions(view.state.positions), float))
+            self._moved.keep(state, view.state, self.by)
+        return replace(view, state=state)
 
     def axes(self, positions: Any, axes: Reals) -> Reals:
         """Return half axes (N, D, D) of ellipses around positions, in rows, as the page draws them."""

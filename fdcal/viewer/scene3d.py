@@ -15,7 +15,7 @@ import itertools
 import logging
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -95,20 +95,21 @@ PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top on a telephone
 PHONE_LEGEND, PHONE_BUTTONS = 168, 56
 
 
+@dataclass(eq=False)
 class Cameras:
-    """Places the cameras of the pages.
+    """Places the cameras of the pages."""
 
-    `picture` is the one on the screen, or None; `view` is that of a page that opens, one of graphics.camera.VIEWS;
-    `lecture` and `caption`: whether larger type, and the caption of a lesson, need space beside the picture; `requests`
-    wait for the main loop.
-    """
-
-    def __init__(self, server: viser.ViserServer):
-        self._server = server
-        self.picture: Picture | None = None
-        self.view, self.lecture, self.caption = "top", False, False
-        self._pages: collections.defaultdict[int, PageCamera] = collections.defaultdict(PageCamera)
-        self.requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
+    _server: viser.ViserServer
+    picture: Picture | None = None  # on the screen
+    view: str = "top"  # of a page that opens, one of graphics.camera.VIEWS
+    # whether larger type, and the caption of a lesson, need space beside the picture
+    lecture: bool = False
+    caption: bool = False
+    _pages: dict[int, PageCamera] = field(default_factory=lambda: collections.defaultdict(PageCamera))
+    # that wait for the main loop
+    requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = field(
+        default_factory=collections.deque
+    )
 
     def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.

@@ -60,7 +60,7 @@ class VerdictWorker:
         self._run, self._state, self._since = run, None, 0.0
         self._requested: RunState | None = None  # compared by identity
         self._lineage, self._sought = None, run.sought  # of the last verdict
-        self._worker = threads.job(self._compute)
+        self._worker = threads.worker(self._compute)
 
     def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
         """Return the assessment of the shown state, whether it is still expected, and which microphones are averaged.
@@ -276,16 +276,14 @@ class Viewer:
             modes = count_label(self.run.measurement, self.wanted.modes)
             awaited = f"Computing the map of microphone {self.wanted.microphone}: {modes} ..."
         parts = *((None, None) if drawn is None else (drawn.floor, drawn.volume)), state.found, state.axes
-
-        def draw() -> Picture:
+        parts = state.revision, choices, state.microphone, moving, awaited, *parts
+        if (picture := self.drawn.get(*parts)) is None:
             picture = self._picture.draw(state, moving)
             self._page.nodes.show(picture)
             legend = canvas_legend(picture.bar, legend_of(picture), self._hint(picture) or awaited)
             self._page.panels.overlay.show("legend", legend)
             self.picker.show(self._picture.places, picture.floor, self._picture.ball)
-            return picture
-
-        picture = self.drawn(draw, state.revision, choices, state.microphone, moving, awaited, *parts)
+            self.drawn.keep(picture, *parts)
         return replace(state, picture=picture)
 
     def _hint(self, picture: Picture) -> str:

@@ -199,7 +199,7 @@ class Tab:
         if state.now - self._updated >= self.interval and memo.get(*inputs) is None:
             self._updated = state.now
             self.show(state)
-            memo(lambda: True, *inputs)
+            memo.keep(True, *inputs)
 
 
 Buttons = viser.GuiButtonHandle | viser.GuiButtonGroupHandle
@@ -273,8 +273,11 @@ class Binding:
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
         """Do what the control of a command does if it gets the value in `text`; a checkbox is toggled.
 
-        "+1" and "-1" stand for the next and the previous value. InputError if the control cannot have that value.
+        "+1" and "-1" stand for the next and the previous value; an unknown command does nothing. InputError if the
+        control cannot have that value.
         """
+        if command not in self.commands:
+            return
         handle, answer = self.commands[command]
         options, value = getattr(handle, "options", None), getattr(handle, "value", None)
         pressed, shift = isinstance(handle, Buttons), int(text) if text in ("+1", "-1") else 0
@@ -297,8 +300,7 @@ class Binding:
         (*bounds, value, act), now = given, self.choices
         first, seen = (one(now) if callable(one) else one for one in (value, visible))
         handle = getattr(self.gui, f"add_{kind}")(label, *bounds, initial_value=first, visible=seen, **options)
-        followed = {"value": value, "visible": visible}
-        self._followers += [(handle, name, of) for name, of in followed.items() if callable(of)]
+        self.follow(handle, **{name: of for name, of in (("value", value), ("visible", visible)) if callable(of)})
         return self.on(handle, act, command=command)
 
     slider = partialmethod(_control, "slider")  # label, lowest, highest, step, value, effect

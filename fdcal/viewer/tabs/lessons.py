@@ -108,7 +108,7 @@ class PageBefore:
             value = self.values.get(name, handle.value)
             if handle.value != value and fits(handle, value):
                 handle.value = value
-        for tab in viewer.tabs:
+        for tab in viewer.tabs.parts:
             tab.refresh()
         cameras.request_all(self.cameras)
 
@@ -117,7 +117,7 @@ def controls_of(viewer: Viewer) -> dict[tuple[str, str], Any]:
     """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
     return {
         (tab.part, name): handle
-        for tab in viewer.tabs
+        for tab in viewer.tabs.parts
         for name, handle in vars(tab).items()
         if isinstance(handle, viser.GuiInputHandle)
     }

@@ -197,15 +197,17 @@ ADVICE = "Modes are added to the map one by one, and its local minima are counte
 class SweepTab(Tab):
     """Owns the controls that add modes to the map, the maps of one sweep, and its playback.
 
-    Its callbacks run on viser's event loop, `show` on the main loop. `playing` is the playback, or None.
+    Its callbacks run on viser's event loop, `show` on the main loop. `playing` is the playback, or None; `made` is the
+    last sweep that was requested, as far as it is computed, or None before it is begun.
     """
 
     part, where, order = "sweep", "Map", 2
 
     def __init__(self, binding: Binding):
         self._binding, self._map, row, modes = binding, binding.tabs.map, binding.row, binding.modes
-        self.worker = binding.threads.job(self._compute)
+        self.worker = binding.threads.worker(self._compute)
         self._sweep: Sweep | None = None
+        self.made: Sweep | None = None
         self.playing: Playback | None = None
         self._wanted: CostMapRequest | None = None  # request of the last sweep
         self._revision = -1  # of the state whose maps are wanted
@@ -311,24 +313,15 @@ class SweepTab(Tab):
             count = first_of(of.modes, wanted.modes)
             if same and style.log == of.style.log and 0 < count <= len(sweep.frames):
                 swept = sweep.frames[count - 1]
-
-                def draw() -> CostMap:
-                    floor = swept.floor and replace(swept.floor, show_minima=style.minima)
-                    return replace(swept, request=wanted, floor=floor, fine=True)
-
-                self._last = self._drawn(draw, swept, style.minima)
+                floor = swept.floor and replace(swept.floor, show_minima=style.minima)
+                shown, of = replace(swept, request=wanted, floor=floor, fine=True), (swept, style.minima)
+                self._last = self._drawn.get(*of) or self._drawn.keep(shown, *of)  # the same object while it is shown
                 return self._last, ""
         if drawn is None and not reason and self.playing is not None and last is not None:
             kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
             return (last if kept else None), ""
         self._last = drawn
         return drawn, reason
-
-    @property
-    def made(self) -> Sweep | None:
-        """The last sweep that was requested, as far as it is computed; None before it is begun."""
-        sweep = self._sweep
-        return sweep if sweep is not None and sweep.request == self._wanted else None
 
     def _compute(self, request: CostMapRequest) -> Iterator[None]:
         """Compute one map after the other, until another sweep is requested; on the thread."""
@@ -354,7 +347,8 @@ class SweepTab(Tab):
             of = state.revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
             self._wanted = CostMapRequest(*of)
             self.worker.newest(self._wanted)
-        latest, sweep = self.worker.latest, self.made
+        latest, sweep = self.worker.latest, self._sweep
+        self.made = sweep = sweep if sweep is not None and sweep.request == self._wanted else None
         error = None if latest is None or latest.request != self.worker.requested else latest.error
         if playing is not None and sweep is not None and (state.now >= playing.due or error is not None):
             self._step(playing, sweep, state.now, error is not None)
@@ -368,15 +362,14 @@ class SweepTab(Tab):
         if sweep is not None and sweep.frames:
             minima = tuple(0 if one.minima is None else one.minima.count for one in sweep.frames[:])
             summed = first_of(sweep.request.modes, choices.modes or ())  # 0 where the map is another sum
-
-            def curve() -> tuple[np.ndarray, ...]:
-                """Return the columns: modes summed, minima as far as they are counted, the point of the map."""
+            columns = self._curve.get(sweep, len(minima), summed)
+            if columns is None:  # modes summed, minima as far as they are counted, the point of the map
                 x = np.arange(1.0, len(sweep.request.modes) + 1)
                 line = np.full(len(x), HIDDEN)
                 line[: len(minima)] = minima
-                return x, line, np.where(x == summed, line, HIDDEN)
-
-            self._plot.show(self._curve(curve, sweep, len(minima), summed), (0.0, max(minima) + 1.0))
+                columns = x, line, np.where(x == summed, line, HIDDEN)
+                self._curve.keep(columns, sweep, len(minima), summed)
+            self._plot.show(columns, (0.0, max(minima) + 1.0))
 
     def _step(self, playing: Playback, sweep: Sweep, now: float, failed: bool) -> None:
         """Show the next map of the sweep that plays, if it is computed; stop after the last one."""

@@ -172,7 +172,7 @@ class ExportTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
-        self.worker = binding.threads.job(self._make, MAX_WAITING)
+        self.worker = binding.threads.worker(self._make, keep=MAX_WAITING)
         with gui.add_folder("Save a file"):
             self.kind = binding.choice("File", "export_kind", {kind: kind for kind in KINDS})
             self.description = gui.add_html("")
@@ -189,7 +189,7 @@ class ExportTab(Tab):
 
         `kind_name`: of KINDS; the one that is chosen unless given. Raises InputError: there is no such kind.
         """
-        if self.worker.full:
+        if len(self.worker.waiting) == MAX_WAITING:  # one more would drop one of them
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
             return
         name = kind_name if isinstance(kind_name, str) and kind_name else self._binding.choices.export_kind
