@@ -170,24 +170,3 @@ def hover(page, pixel):
                 return
             page.wait_for_timeout(100)
     pytest.fail(f"no microphone is found at {pixel}")
-
-
-MIDDLE = """name => {
-    const box = [1e9, 1e9, -1e9, -1e9];
-    window.__viserMutable.nodeRefFromName[name]?.traverse(node => {
-        const places = node.geometry?.attributes?.position;
-        node.updateWorldMatrix(true, false);
-        for (let i = 0; places && i < places.count; i++) {
-            const at = node.localToWorld(node.position.clone().fromBufferAttribute(places, i));
-            const [x, y] = [-at.z, -at.x];  // the browser's own axes: y up
-            box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
-            box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
-        }
-    });
-    return [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
-}"""
-
-
-def middle(page, name):
-    """Middle, in x and y, of all that viser draws under a name."""
-    return page.evaluate(MIDDLE, name)

@@ -116,7 +116,7 @@ NOT_THERE = (
 
 
 def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_nothing(tiny_page):
-    page, _ = tiny_page
+    page, turn_until = tiny_page
     before = page.viewer.binding.choices
     for part in NOT_THERE:
         client = Client()
@@ -126,18 +126,8 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
         page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
     assert page.viewer.binding.choices is before and page.switcher.idle
-
-
-def test_the_status_line_says_that_no_lesson_has_the_name_in_an_address(tiny_page):
-    page, turn_until = tiny_page  # the film of the opening covers a notification
-    page.lessons._lessons = {name: SimpleNamespace(name=name, title=name, steps=[]) for name in ("2_one", "2_two")}
-    for name in ("none_such", "2_", "3"):
-        command(page, f"open=lesson={name}")
-        turn_until(lambda name=name: f"there is no lesson &quot;{name}&quot;" in bar(page))
-
-
-def bar(page):
-    return page.panels.overlay._regions["bar"].content
+    command(page, "open=lesson=none_such")  # the film of the opening covers a notification
+    turn_until(lambda: "there is no lesson &quot;none_such&quot;" in page.panels.overlay._regions["bar"].content)
 
 
 def test_the_page_follows_a_browser_until_a_user_chooses(tiny_page):

@@ -9,7 +9,7 @@ from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, unti
 
 from fdcal.cost.maps import cost_maps, map_positions
 from fdcal.viewer import cost_maps as map_worker
-from fdcal.viewer import opening
+from fdcal.viewer import opening, panels
 from fdcal.viewer.explore import INVITATION
 from fdcal.viewer.prepare import Preparation
 from fdcal.viewer.state import initial_choices
@@ -154,6 +154,12 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.get_by_text("In use", exact=True).wait_for()
     page.wait_for_function(f"() => ({COVERED})().length == 0")
     page.wait_for_function(f"() => ({EMPTY_BOXES})().length == 0")  # a folded section is a line with its name
+    width = PHONE["viewport"]["width"]
+    widths = page.locator(".mantine-ScrollArea-viewport").evaluate_all("areas => areas.map(area => area.scrollWidth)")
+    assert max(widths) == width and legend.bounding_box()["width"] <= width, "nothing is wider than the screen"
+    for name in (*panels.RIGHT, *panels.LEFT):
+        tab(page, name)
+        page.get_by_role("tab", name=name, exact=True, selected=True).wait_for()
     context.close()
 
 

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import begin_anew, on_screen, press, tab, until
+from browsing import on_screen, press, until
 from doubles import assessment
 
 from fdcal.assessment.calibration import Evidence
@@ -64,6 +64,14 @@ CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, 
     node.checkVisibility({visibilityProperty: true}) && node.scrollWidth > node.clientWidth).length"""
 
 
+# Names of controls, in which a word is wider than its room.
+CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
+    const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
+    pen.font = getComputedStyle(label).font;
+    return label.innerText.split(/\\s/).some(word => pen.measureText(word).width > room);
+}).map(label => label.innerText)"""
+
+
 def sized(page, size):
     """Give the window a size, pixels."""
     page.set_viewport_size(dict(zip(("width", "height"), size, strict=True)))
@@ -105,71 +113,6 @@ def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(exper
 
 def legend_of(expert):
     return expert.locator(".fdcal-legend")
-
-
-def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(expert):
-    def wide(wanted):
-        def it_is():
-            assert wanted(expert.locator("canvas").first.bounding_box()["width"])
-
-        until(expert, it_is)
-
-    def letters():
-        return legend_of(expert).get_by_text("estimate").bounding_box()["height"]
-
-    def larger_and_in_the_window():
-        assert letters() > 1.25 * small
-        for part in (legend_of(expert), end):
-            box = part.bounding_box()
-            assert box["x"] >= 0 and box["x"] + box["width"] <= DESKTOP[0] and box["y"] + box["height"] <= DESKTOP[1]
-
-    def as_before():
-        assert letters() == pytest.approx(small, abs=0.5)
-        assert not expert.get_by_role("checkbox", name="Lecture mode").is_checked()
-
-    small, end = letters(), expert.get_by_role("button", name="End lecture mode")
-    tab(expert, "View")
-    expert.get_by_role("checkbox", name="Lecture mode").click()
-    wide(lambda width: width == DESKTOP[0])
-    until(expert, larger_and_in_the_window)
-    expert.keyboard.press("h")
-    wide(lambda width: width < DESKTOP[0] - 300)
-    end.wait_for(state="hidden")
-    until(expert, as_before)
-
-
-def test_on_a_phone_the_legend_stands_above_the_scene_and_every_tab_of_the_sheet_can_be_opened(expert):
-    sized(expert, PHONE)
-    bar, run = expert.get_by_text(re.compile("fdcal · tiny")), expert.get_by_role("button", name="Play", exact=True)
-    bar.wait_for()
-
-    def above_the_scene():
-        box = legend_of(expert).bounding_box()
-        assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
-
-    def folds(hidden):  # a press is lost where the text of the bar changes between the finger's coming and going
-        if run.is_hidden() != hidden:
-            bar.click()
-        expert.wait_for_timeout(300)
-        assert run.is_hidden() == hidden
-
-    for folded in (False, True):
-        until(expert, lambda folded=folded: folds(folded))
-        legend_of(expert).get_by_text("estimate").wait_for()
-        until(expert, above_the_scene)
-    until(expert, lambda: folds(False))
-    begin_anew(expert)
-    expert.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
-    press(expert, "Step")
-    expert.get_by_text(re.compile("^step 1, ")).wait_for()
-    expert.wait_for_timeout(300)  # a sheet that grows does so within a few frames
-    widths = "areas => areas.map(area => area.scrollWidth)"
-    assert max(expert.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
-    for name in (*RIGHT, *LEFT):
-        tab(expert, name)
-        expert.get_by_role("tab", name=name, exact=True, selected=True).wait_for()
-    sheet = expert.get_by_role("tab", name="Scene", exact=True).locator("xpath=ancestor::*[@role='tablist']")
-    assert sheet.bounding_box()["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
 
 
 TYPE = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
@@ -229,7 +172,7 @@ def answers_in_sight(page, step):
     until(page, all_of_them)
 
 
-def test_everything_in_explore_works(page, monkeypatch):
+def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(page, monkeypatch):
     monkeypatch.setattr(panels, "DOUBLING_TIME", 0.2)  # s, so that a slow browser sees that it runs
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
     fills_the_window(page)
@@ -279,6 +222,16 @@ def test_everything_in_explore_works(page, monkeypatch):
     with page.expect_download() as download:
         page.get_by_role("button", name=re.compile("^Replay")).click()
     assert download.value.path().stat().st_size < 300_000
+    page.keyboard.press("Escape")
+    press(page, "Expert")
+    page.get_by_role("tab", name="Map").wait_for()
+    page.wait_for_function("location.hash.includes('face=expert')")
+    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth < innerWidth - 600")
+    readable(page)
+    page.get_by_role("tab", name="Scene", exact=True).click()
+    page.wait_for_function(f"({CUT_NAMES})().length == 0")
+    press(page, "Explore")
+    page.get_by_role("tab", name="Map").wait_for(state="hidden")
 
 
 def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_comes_back(page):
@@ -292,9 +245,12 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.locator(f"[data-do='lesson={LESSON}']").click()
     caption.get_by_text(step.question).wait_for()
     readable(page)
+    letters = lambda: legend_of(page).get_by_text("estimate").bounding_box()["height"]  # noqa: E731
+    small = letters()
     press(page, "Lessons")
     press(page, LECTURE)
     page.get_by_role("button", name="End lecture mode").wait_for()
+    assert letters() > 1.25 * small
     caption.get_by_text(step.question).wait_for()
     fills_the_window(page)
     for size in (DESKTOP, (1280, 600)):
@@ -305,7 +261,8 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.locator("[data-local=upload]").wait_for(state="hidden")
     page.keyboard.press("Escape")
     uncut(page)
-    press(page, "End lecture mode")
+    page.keyboard.press("h")  # which ends the lecture mode, too
+    page.get_by_role("button", name="End lecture mode").wait_for(state="hidden")
     sized(page, PHONE)
     fills_the_window(page)
 
@@ -339,37 +296,16 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     page.keyboard.press("Escape")
 
 
-# Names of controls, in which a word is wider than its room.
-CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
-    const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
-    pen.font = getComputedStyle(label).font;
-    return label.innerText.split(/\\s/).some(word => pen.measureText(word).width > room);
-}).map(label => label.innerText)"""
-
-
 def test_a_file_of_ones_own_is_sent_from_below_the_scenes_on_a_phone_too(page, tmp_path):
     (tmp_path / "broken.wav").write_bytes(b"RIFF" + bytes(3_000_000))
-    for size, celsius in ((DESKTOP, "21"), (PHONE, "22")):
-        sized(page, size)
-        page.get_by_role("button", name="Choose a scene").click()
-        form = page.locator("#fdcal form")
-        form.get_by_label("Recordings").set_input_files(tmp_path / "broken.wav")
-        form.get_by_label("Temperature").fill(celsius)
-        form.get_by_role("button", name="Open").click()
-        form.get_by_text("broken.wav is not a sound file").wait_for()
-        assert form.get_by_label("Temperature").input_value() == celsius, "what is filled in stays"
-        page.keyboard.press("Escape")
+    sized(page, PHONE)
+    page.get_by_role("button", name="Choose a scene").click()
+    form = page.locator("#fdcal form")
+    form.get_by_label("Recordings").set_input_files(tmp_path / "broken.wav")
+    form.get_by_label("Temperature").fill("22")
+    form.get_by_role("button", name="Open").click()
+    form.get_by_text("broken.wav is not a sound file").wait_for()
+    assert form.get_by_label("Temperature").input_value() == "22", "what is filled in stays"
+    page.keyboard.press("Escape")
     sized(page, DESKTOP)
     fills_the_window(page)
-
-
-def test_expert_has_the_panels_and_can_be_left(page):
-    press(page, "Expert")
-    page.get_by_role("tab", name="Map").wait_for()
-    page.wait_for_function("location.hash.includes('face=expert')")
-    page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth < innerWidth - 600")
-    readable(page)
-    page.get_by_role("tab", name="Scene", exact=True).click()
-    page.wait_for_function(f"({CUT_NAMES})().length == 0")
-    press(page, "Explore")
-    page.get_by_role("tab", name="Map").wait_for(state="hidden")
