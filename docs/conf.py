@@ -98,15 +98,13 @@ class Replay(Directive):
 
 
 class Findings(Directive):
-    """A table of `fdcal.assessment.findings`: its checks in their order, each with its limit and the reason for it."""
-
-    required_arguments = 1
+    """The table of `fdcal.assessment.findings`: its checks in their order, with their limits and the reasons."""
 
     def run(self) -> list[nodes.Node]:
-        from fdcal.assessment import findings
+        from fdcal.assessment.findings import FINDINGS
 
         table = ["| verdict | limit | what is compared with the limit, and why it has this value |", "|---|---|---|"]
-        for one in getattr(findings, self.arguments[0]):
+        for one in FINDINGS:
             table.append(f"| `{one.code}` | {f'{one.limit:g}' if one.limit else ''} | {one.reason} |")
         parent = nodes.container()
         self.state.nested_parse(StringList(table, source="findings"), self.content_offset, parent)

@@ -66,7 +66,6 @@ def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
         ("calibrate", {"distance": 0.2}, "distance"),
         ("calibrate", {"seed": 1.5, "solver": "joint", "start": "random"}, "seed"),
         ("calibrate", {"time_limit": 0}, "time_limit"),
-        ("calibrate", {"room": (7, "6")}, "room"),
         ("calibrate", {"settings": 3}, "settings"),
         ("calibrate", {"gain_sigma_db": "1"}, "solver.gain_sigma_db"),
         ("calibrate", {"progress": 3}, "progress"),

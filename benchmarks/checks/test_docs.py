@@ -14,7 +14,7 @@ from PIL import Image
 import fdcal
 from benchmarks.documents import ALL, DOCS, ROOT, name_of, text_of
 from fdcal.assessment.calibration import ChannelFault
-from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
+from fdcal.assessment.findings import FINDINGS
 from fdcal.assessment.result_file import GivenRow, ResultTable
 from fdcal.commands.cli import commands
 from fdcal.model.address import Map, View
@@ -110,8 +110,8 @@ def test_every_command_is_documented_with_its_options(name):
 
 
 def test_every_verdict_is_documented_with_a_remedy():
-    codes = {one.code for one in (*FINDINGS, *ROOM_FINDINGS)}
-    assert {"good", "room_size", "scale_undetermined"} <= codes
+    codes = {one.code for one in FINDINGS}
+    assert {"good", "scale_undetermined"} <= codes
     for code in codes:
         (remedy,) = re.findall(rf"^\| `{code}` \| .+ \| (.*) ?\|$", VERDICTS, re.M)
         assert remedy.strip() or code == "good", code

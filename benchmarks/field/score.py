@@ -134,7 +134,7 @@ def _covered(found, covariance, case: Case, healthy, judged) -> int:
 def _odd(result: dict) -> set[str]:
     """Names of the channels that the result calls odd."""
     odd = {entry["name"] if isinstance(entry, dict) else str(entry) for entry in result.get("odd_channels", ())}
-    if odd or result["verdict"] not in ("odd_channel", "known_position"):
+    if odd or result["verdict"] != "known_position":
         return odd
     return set(re.findall(r"\b\d+\b", result["verdict_text"])) & {str(name) for name in result["names"]}
 

@@ -1,10 +1,10 @@
-"""The sound field of a point source in a box-shaped room, in closed form: it replaces a simulation in three dimensions.
+"""Box-shaped and rectangular rooms: the sound field of a point source in closed form, and the density of the modes.
 
-The field in the room, with rigid, pressure-release or locally reacting walls, is a sum over its eigenfunctions along
-two axes; along the third each term is a wave between two walls in closed form, which decays exponentially with the
-distance from the source. So the sum converges exponentially, to rounding errors, away from the source. In a rectangle
-of two dimensions the source is a line perpendicular to it, the sum is along one axis, and the closed form along the
-other:
+In three dimensions the closed form replaces a simulation. The field in the room, with rigid, pressure-release or
+locally reacting walls, is a sum over its eigenfunctions along two axes; along the third each term is a wave between two
+walls in closed form, which decays exponentially with the distance from the source. So the sum converges exponentially,
+to rounding errors, away from the source. In a rectangle of two dimensions the source is a line perpendicular to it, the
+sum is along one axis, and the closed form along the other:
 
     p(x) = sum_t  psi_t(x) psi_t(x_s) g_t(z, z_s),        gamma_t = sqrt(kappa_t^2 - k^2)
     g_t  = exp(-gamma |z - z_s|) (1 + R exp(-2 gamma z_<)) (1 + R exp(-2 gamma (l - z_>))) / N
@@ -22,18 +22,28 @@ Damping. Each term solves Helmholtz's equation at the same k, so p solves it exa
 would not if each eigenvalue had a damping of its own. One complex k for all of them has two exact interpretations: the
 air damps every wave by s nepers a second, or the recordings of an undamped room were weighted with exp(-s t), as
 `fdcal.acoustics.spectrum` does with simulated ones. Absorbing walls add their own damping, through h at that same k.
+
+The number N of modes below f, and the number n of frequencies in 1 Hz that carry independent information:
+
+    N(f)  = 4 pi/3 V (f/c)^3 + pi/4 S (f/c)^2 + L/8 f/c    in a box (Kuttruff, Room Acoustics, ch. 3)
+    N(f)  = pi A (f/c)^2 + P/2 f/c                         in a rectangle of two dimensions
+    n(f)  = min(dN/df, T60 / 2.2)                          independent frequencies in 1 Hz
+
+V, S, L, A, P: volume, surface, sum of the edges; area and perimeter. 2.2 / T60 is the width of a resonance at -3 dB,
+Hz: where resonances overlap (Schroeder 1962), pressures at two frequencies closer than that are not independent.
 """
 
 import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..model.problem import mode_power
 from ..model.scene import Room, Source
 from ..model.settings import Sensing
-from ..model.validation import LIMITS, InputError, refusal
-from .room_modes import wall_eigenvalues
+from ..model.validation import LIMITS, InputError, Numbers, Reals, refusal
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
@@ -44,6 +54,7 @@ LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line
 POINTS = 6  # points of the spectrum in the width of a line
 STEPS = 4.0  # continuation steps from a rigid to an absorbing wall, times |h| l; each takes a few Newton iterations
 MAX_STEPS = 100
+NEWTON_STEPS = 12  # iterations for the eigenvalues between absorbing walls, at most
 
 
 def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, progress=None) -> ModalPressures:
@@ -145,7 +156,7 @@ def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.nda
     if room.walls == "absorbing":
         h = 1j * k * room.admittance
         steps = max(1, math.ceil(STEPS * float(np.abs(h).max()) * length))
-        kappa, residual = wall_eigenvalues(count, length, h, min(steps, MAX_STEPS))
+        kappa, residual = _wall_eigenvalues(count, length, h, min(steps, MAX_STEPS))
         exact = np.all(np.abs(residual) < 1e-10 * (np.abs(kappa) + np.abs(h)[:, None]))
         distinct = np.all(np.abs(kappa[:, 2:] - kappa[:, :-2]) > 0.5 / length)  # two coincide if the admittance is high
         if steps > MAX_STEPS or not (exact and distinct):
@@ -155,3 +166,57 @@ def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.nda
     phase = kappa[..., None] * (np.asarray(x) - length / 2)
     norm = length / 2 * (1 + np.where(odd, -1, 1) * np.sinc(kappa * length / np.pi))
     return kappa, np.where(odd[:, None], np.sin(phase), np.cos(phase)) / np.sqrt(norm + 0j)[..., None]
+
+
+def _wall_eigenvalues(count: int, length: float, h: Numbers, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return kappa between two walls of equal `h` (M,), 1/m, and the residuals of its equation : (M, count) complex128.
+
+    Even ones: kappa sin(kappa l / 2) = h cos(kappa l / 2); odd ones: kappa cos(kappa l / 2) = -h sin(kappa l / 2).
+    Newton's method starts at nearly rigid walls, from which h grows in `steps` steps.
+    """
+    n, h, half = np.arange(count), np.asarray(h)[:, None], length / 2
+    odd, residual = n % 2 == 1, np.zeros((len(h), count), complex)
+    kappa = np.sqrt((n * np.pi / length) ** 2 + np.where(n == 0, 2, 4) * h / steps / length + 0j)
+    for part in h * np.arange(1, steps + 1)[:, None, None] / steps:
+        for _ in range(NEWTON_STEPS):
+            sin, cos = np.sin(kappa * half), np.cos(kappa * half)
+            residual = np.where(odd, kappa * cos + part * sin, kappa * sin - part * cos)
+            if np.all(np.abs(residual) < 1e-13 * (np.abs(kappa) + np.abs(h))):
+                break
+            slope = (1 + part * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
+            kappa = kappa - residual / slope
+    return kappa, residual
+
+
+RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
+MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and would fill the memory
+
+
+def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
+    """Return the mean number of modes of a room of `size` (2,) or (3,), metres, below frequencies (F,), Hz : (F,)."""
+    ratio = np.asarray(frequencies, float) / sound_speed
+    if len(size) == 2:
+        return np.pi * size[0] * size[1] * ratio**2 + sum(size) * ratio
+    x, y, z = size
+    surface, edges = 2 * (x * y + y * z + z * x), 4 * (x + y + z)
+    return 4 * np.pi / 3 * x * y * z * ratio**3 + np.pi / 4 * surface * ratio**2 + edges / 8 * ratio
+
+
+def independent_frequencies(
+    low: float, high: float, reverberation_time: float, sound_speed: float, size: Sequence[float] | None = None
+):
+    """Return frequencies, Hz, from `low` to `high`, that a source in the room excites independently : (M,), ascending.
+
+    `size`: lengths of the room, metres; without it resonances are assumed to overlap everywhere.
+    """
+    grid = np.linspace(low, high, 4000)
+    count = (grid - low) * reverberation_time / RESONANCE_WIDTH
+    if size is not None:
+        slope = np.gradient(mode_count(size, grid, sound_speed), grid)
+        rate = np.minimum(slope, reverberation_time / RESONANCE_WIDTH)
+        count = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(grid))])
+    if count[-1] > MAX_FREQUENCIES:
+        problem = f"{low:g} to {high:g} Hz with a reverberation time of {reverberation_time:g} s hold {count[-1]:.2g}"
+        remedy = "use a narrower band (<frequencies>) or a shorter reverberation time"
+        raise InputError(f"{problem} independent frequencies", remedy, key="frequencies")
+    return np.interp(np.arange(0.5, count[-1]), count, grid)

@@ -27,11 +27,11 @@ from ..cost.likelihood import log_response
 from ..model.gauge import align, rigid_motions
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
-from ..solvers.interface import Estimate, RoomEstimate
-from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition, KnownRoom
+from ..solvers.interface import Estimate
+from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition
 from .channels import exchanged_back, faulty_channels
-from .field import cross_validate, summarise
-from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
+from .field import cross_validate
+from .findings import Judged, first_finding
 from .uncertainty import EXACT, covariance_of, one_sigma, scale_sigma_of, search_spread_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
@@ -50,8 +50,7 @@ class Assessment:
     message: str
     covariance: np.ndarray  # (N, D, D) float64, metres^2, of each position at the minimum
     evidence: Evidence
-    room: KnownRoom | None = None  # of a solver that knows the room
-    channels: Channels | None = None  # of a solver that finds the gains of the channels, or their noise
+    channels: Channels  # gain and noise of every channel, and what is wrong with it
     sound_speed_sigma: float | None = None  # one sigma of an uncertain sound speed, m/s
     wording: Mapping[str, str] = field(default_factory=dict)  # names of the arguments in `verdict_text`
 
@@ -67,7 +66,7 @@ class Assessment:
 
 
 def assess(
-    estimate: Estimate | RoomEstimate,
+    estimate: Estimate,
     names: Sequence[str] | None = None,
     scale: float | None = None,
     unused: Mapping[int, np.ndarray] = MappingProxyType({}),
@@ -78,10 +77,8 @@ def assess(
     that of the problem; unused : given positions (D,), metres, by microphone, that the solver did not get
     """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
-    if isinstance(estimate, RoomEstimate):
-        return _in_room(estimate, names)
     seen = judged(estimate, names, scale, unused)
-    code, message = first_finding(FINDINGS, seen, estimate)
+    code, message = first_finding(seen)
     if code in ("undersampled", "not_converged"):  # otherwise given positions cannot be judged
         seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
     problem, size = estimate.problem, scale or 1.0
@@ -104,7 +101,7 @@ def assess(
         message,
         covariance,
         evidence,
-        channels=_channels(estimate, seen, positions, one_sigma(covariance)),
+        _channels(estimate, seen, positions, one_sigma(covariance)),
         sound_speed_sigma=speed * estimate.log_speed_sigma or None,
     )
 
@@ -182,19 +179,4 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
         10 * np.log10(found.noise / np.median(found.noise)),
         tuple(seen.faulty.values()),
         tuple(given),
-    )
-
-
-def _in_room(estimate: RoomEstimate, names: Sequence[str]) -> Assessment:
-    code, message = first_finding(ROOM_FINDINGS, JudgedRoom(estimate, names), estimate)
-    cross, positions = summarise(estimate.pressures, estimate.leave_one_out_errors), estimate.positions
-    images = tuple((str(image), image.apply(np.asarray(positions))) for image in estimate.images)
-    return Assessment(
-        positions,
-        estimate.problem,
-        code,
-        message,
-        frozen_array(estimate.covariance, float),
-        Evidence(estimate.residual, cross.overall, cross.microphones, cross.modes),
-        room=KnownRoom(estimate.size, estimate.source, estimate.admittance, images),
     )

@@ -61,30 +61,6 @@ class Evidence(FrozenArrays):
     noise_to_given: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class KnownRoom(FrozenArrays):
-    """What solver "room" finds beside the positions.
-
-    Attributes
-    ----------
-    size : tuple of D float
-        Metres.
-    source : (D,) float64
-        Position of the source, metres.
-    admittance : complex
-        Specific admittance of the walls.
-    symmetries : tuple of (str, (N, D) float64)
-        Each array that the pressures cannot distinguish from the one found, which comes first: the map, such as
-        "(6 - x, y)", and the positions, metres.
-    """
-
-    arrays = ("source",)
-    size: tuple[float, ...]
-    source: np.ndarray
-    admittance: complex
-    symmetries: tuple[tuple[str, np.ndarray], ...]
-
-
 @dataclass(frozen=True)
 class FaultKind:
     """What all faults of a kind have in common."""
@@ -277,10 +253,8 @@ class Calibration(FrozenArrays):
     covariance : (N, D, D) float64 or None
         Of each position, metres^2.
     evidence : Evidence or None
-    room : KnownRoom or None
-        Of solver "room" only.
     channels : Channels or None
-        Gain and noise of every channel, and what is wrong with it; of all solvers but "room".
+        Gain and noise of every channel, and what is wrong with it.
     sound_speed_sigma : float or None
         One sigma of a sound speed that was estimated with the positions, m/s.
     order : tuple of str or None
@@ -319,7 +293,6 @@ class Calibration(FrozenArrays):
     uncertainty: np.ndarray | None = None
     covariance: np.ndarray | None = None
     evidence: Evidence | None = None
-    room: KnownRoom | None = None
     channels: Channels | None = None
     sound_speed_sigma: float | None = None
     rms_error: float | None = None
@@ -363,16 +336,15 @@ class Calibration(FrozenArrays):
     def frame(self) -> str:
         """The coordinate axes of `positions`, and of every file and table of this result.
 
-        "known" are the axes of the given positions, and "room" those of the room of solver "room". "axes" are those of
-        an array without given positions: the origin is its centre, x its longest axis and y the next one.
+        "known" are the axes of the given positions. "axes" are those of an array without given positions: the origin is
+        its centre, x its longest axis and y the next one.
         """
-        return "room" if self.room is not None else "axes" if self.known == () else "known"
+        return "axes" if self.known == () else "known"
 
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
-        A result without given positions is moved as a whole onto the true positions, by its healthy channels. For a
-        known room the nearest of its symmetries is taken.
+        A result without given positions is moved as a whole onto the true positions, by its healthy channels.
 
         Parameters
         ----------
@@ -400,8 +372,6 @@ class Calibration(FrozenArrays):
         truth = measurement.positions
         if truth is None:
             return self.positions
-        if self.room is not None:
-            return min((array for _, array in self.room.symmetries), key=lambda array: np.sum((array - truth) ** 2))
         return align(self.positions, truth, self.healthy) if self.aligned else self.positions
 
     def compared_with(self, measurement: Measurement, given=()) -> Calibration:

@@ -1,13 +1,11 @@
-"""The findings of an assessment: two ordered tables, FINDINGS and ROOM_FINDINGS. The first that applies is the verdict.
+"""The findings of an assessment: an ordered table, FINDINGS. The first that applies is the verdict.
 
 good                no check contradicts the result
-odd_channel         no position in the known room explains the pressures of a microphone
 too_noisy           most of the signal is noise
 undersampled        the solver interpolates (Eq. 7), and the array cannot at the frequencies in use (Eq. 9)
 not_converged       the solver stopped while microphones still moved
 known_position      a given position contradicts the recordings, or its channel is swapped
 sound_speed         the given positions or the given distance imply a sound speed that is hardly possible
-room_size           the pressures belong to a room of another size (or to another sound speed)
 model_mismatch      no sound field without sources explains the pressures at these microphones
 ambiguous           another array fits the pressures nearly as well, or the positions are hardly determined
 scale_undetermined  the shape is right, but the size is hardly determined
@@ -17,7 +15,7 @@ A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputE
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
@@ -25,18 +23,16 @@ from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.validation import length_text
-from ..solvers.interface import Estimate, RoomEstimate
+from ..solvers.interface import Estimate
 from .calibration import OF_LIST, ChannelFault
 from .channels import MAX_NOISE
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text, listed
 
-Seen = TypeVar("Seen")  # evidence for a verdict
 CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
     " faulty channels, or positions not found yet"
 )
-ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
 MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
 
 
@@ -59,19 +55,6 @@ class Answer:
     def line(self) -> str:
         """The answer in one line."""
         return f"{self.question:<12} {self.state:<8} {self.text}"
-
-
-@dataclass(frozen=True)
-class Finding(Generic[Seen]):
-    """One row of a table."""
-
-    code: str  # of the verdict
-    applies: Callable[[Seen, float], bool]  # maps evidence and limit to whether the finding applies
-    words: Callable[[Seen], str]  # maps the evidence to a text that says what was found
-    # what the user can do, for some findings a function of the evidence; "" where the words say so
-    remedy: str | Callable[[Seen], str] = ""
-    limit: float = 0.0  # the threshold
-    reason: str = ""  # meaning of the limit, and why it has this value; without a limit what the condition is
 
 
 @dataclass(frozen=True)
@@ -304,8 +287,21 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
     return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
 
 
+@dataclass(frozen=True)
+class Finding:
+    """One row of a table."""
+
+    code: str  # of the verdict
+    applies: Callable[[Judged, float], bool]  # maps evidence and limit to whether the finding applies
+    words: Callable[[Judged], str]  # maps the evidence to a text that says what was found
+    # what the user can do, for some findings a function of the evidence; "" where the words say so
+    remedy: str | Callable[[Judged], str] = ""
+    limit: float = 0.0  # the threshold
+    reason: str = ""  # meaning of the limit, and why it has this value; without a limit what the condition is
+
+
 # fmt: off
-FINDINGS: tuple[Finding[Judged], ...] = (
+FINDINGS: tuple[Finding, ...] = (
     # code, condition, words, remedy, limit, its reason
     Finding("too_noisy", lambda seen, limit: seen.noise_fraction > limit,
             lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
@@ -398,92 +394,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
 # fmt: on
 
 
-@dataclass(frozen=True)
-class JudgedRoom:
-    """The evidence for the verdict on an array in a known room."""
-
-    estimate: RoomEstimate
-    names: Sequence[str]
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """One sigma of each position : (N,) float64, metres."""
-        return one_sigma(self.estimate.covariance)
-
-    @property
-    def worst(self) -> str:
-        """Name of the microphone with the largest residual."""
-        return self.names[int(self.estimate.channel_residual.argmax())]
-
-    @property
-    def displaced(self) -> list[tuple[str, float]]:
-        """Known microphones that are far from their given position, and the distances, metres."""
-        known, problem = self.estimate.problem.known, self.estimate.problem
-        away = np.linalg.norm(self.estimate.positions[known] - problem.known_positions, axis=1)
-        far = away > np.maximum(MIN_DISPLACED, 5 * self.sigma[known])
-        return [(self.names[int(n)], float(metres)) for n, metres in zip(known[far], away[far], strict=True)]
-
-
-def _other_size(seen: JudgedRoom, limit: float) -> bool:
-    better, residual = seen.estimate.better_size, seen.estimate.residual
-    change = np.abs(better.change)
-    clear = (change > limit) & (change > 5 * better.sigma)
-    return bool(clear.any()) and (residual <= LARGE_RESIDUAL or better.residual <= residual / 2)
-
-
-LARGE_RESIDUAL = 2.0  # reduced chi-square above which the given noise does not explain the residual
-MIN_DISPLACED = 0.01  # metres; a known microphone farther than this and five sigmas from its position is displaced
-
-# fmt: off
-ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
-    Finding("odd_channel",
-            lambda seen, limit: len(part := seen.estimate.channel_residual) >= 5
-            and part.max() >= max(limit * float(np.median(part)), LARGE_RESIDUAL * len(seen.estimate.pressures)),
-            lambda seen: f"microphone {seen.worst}: no place in this room explains its recording; leave it out with"
-                         f" <exclude> {seen.worst}",
-            "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
-    Finding("too_noisy", lambda seen, limit: seen.estimate.noise_fraction > limit,
-            lambda seen: f"{100 * seen.estimate.noise_fraction:.0f} % of the power is unexplained", "",
-            0.3, "noise over the power"),
-    Finding("room_size", _other_size,
-            lambda seen: "a room of "
-            + " x ".join(f"{x:.3f}" for x in np.multiply(seen.estimate.size, 1 + seen.estimate.better_size.change))
-            + " m explains the pressures better: correct <room>, or the sound speed",
-            "", 2e-3, "relative error of a length, and five sigmas of it"),
-    Finding("model_mismatch", lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
-            lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
-            "", LARGE_RESIDUAL, "reduced chi-square"),
-    Finding("model_mismatch",
-            lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_fraction > limit,
-            lambda seen: f"{100 * seen.estimate.noise_fraction:.2g} % of the power is left unexplained; if that is not"
-                         f" noise: {ROOM_CAUSES}",
-            "", 3e-3, "unexplained fraction of the power if no noise is given: -25 dB, more than recordings have"),
-    Finding("not_converged", lambda seen, _: not seen.estimate.converged,
-            lambda _: "the solver stopped while microphones still moved",
-            reason="the solver stopped while microphones still moved"),
-    Finding("known_position", lambda seen, _: bool(seen.displaced),
-            lambda seen: "known microphones are estimated elsewhere than given: "
-                         + ", ".join(f"{name} ({100 * away:.2g} cm)" for name, away in seen.displaced),
-            "are the positions measured from a corner of the room?", MIN_DISPLACED, "metres, and five sigmas"),
-    Finding("ambiguous",
-            lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * rms_radius(seen.estimate.positions)),
-            lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
-            MORE_MODES + "record with less noise",
-            0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
-    Finding("good", lambda seen, _: True,
-            lambda seen: f"nothing speaks against these positions up to the room's {len(seen.estimate.images)}"
-                         " symmetries; "
-            + precision(seen.sigma, seen.estimate.residual if seen.estimate.noise_given else None),
-            reason="no check has found anything"),
-)
-# fmt: on
-
-
-def first_finding(findings: Sequence[Finding[Seen]], seen: Seen, estimate: Estimate | RoomEstimate) -> tuple[str, str]:
+def first_finding(seen: Judged, findings: Sequence[Finding] = FINDINGS) -> tuple[str, str]:
     """Return the code of the first finding that applies, and its message: words and remedy in one line."""
     found = next(one for one in findings if one.applies(seen, one.limit))
-    words, measured = found.words(seen), estimate.problem.frequencies
-    used = len(measured[estimate.modes])
+    words, measured = found.words(seen), seen.estimate.problem.frequencies
+    used = len(measured[seen.estimate.modes])
     more = f"use <modes> {min(2 * used, len(measured))}, or " if used < len(measured) else ""
     remedy = found.remedy if isinstance(found.remedy, str) else found.remedy(seen)
     remedy = remedy.replace(MORE_MODES, more)

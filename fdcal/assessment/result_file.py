@@ -23,7 +23,7 @@ from ..model.libraries import needs
 from ..model.measurement import Measurement
 from ..model.storage import parse_json, read_bytes, write_atomically
 from ..model.validation import LIMITS, InputError, shown
-from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
+from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition
 from .position_check import PositionCheck
 
 LARGEST = sys.float_info.max
@@ -35,16 +35,8 @@ Place = Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=3)]
 Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
 # Shapes stand last in an annotation: N microphones, D coordinates.
 OfEachMicrophone = Annotated[Vector, "N"]
-OfEachAxis = Annotated[Vector, "D"]
 ABSENT: Any = None  # the default of a key that a file need not have; null in a file is refused
 VERSION = 1  # of a result file
-
-
-class Symmetry(msgspec.Struct):
-    """An array that the pressures cannot distinguish from the one found."""
-
-    map: str
-    positions: Positions
 
 
 class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
@@ -76,7 +68,7 @@ RENAMED = {
 
 
 class ResultTable(msgspec.Struct, rename=RENAMED):
-    """All keys; those without a default are in every file. `room` to `symmetries` are of solver "room"."""
+    """All keys; those without a default are in every file."""
 
     positions: Annotated[Positions, "ND"]
     solver: str
@@ -107,10 +99,6 @@ class ResultTable(msgspec.Struct, rename=RENAMED):
     microphones_db: OfEachMicrophone = ABSENT
     frequencies_db: Vector = ABSENT
     noise_to_given: Number = ABSENT
-    room: OfEachAxis = ABSENT
-    source: OfEachAxis = ABSENT
-    admittance: tuple[Number, Number] = ABSENT
-    symmetries: list[Symmetry] = ABSENT
     gain_db: OfEachMicrophone = ABSENT
     gain_sigma_db: OfEachMicrophone = ABSENT
     phase_deg: OfEachMicrophone = ABSENT
@@ -147,13 +135,8 @@ def result_text(self: Calibration) -> str:
     InputError
         A value is not finite, or an array has the wrong shape.
     """
-    channels, room = self.channels, self.room
-    keys = ResultTable.__struct_fields__
+    channels, keys = self.channels, ResultTable.__struct_fields__
     values = {key: getattr(part, key) for part in (self, self.evidence, channels) for key in keys if hasattr(part, key)}
-    values["room"] = None
-    if room is not None:
-        values |= {"room": room.size, "source": room.source, "admittance": (room.admittance.real, room.admittance.imag)}
-        values["symmetries"] = [Symmetry(name, places.tolist()) for name, places in room.symmetries]
     if channels is not None:
         values["odd_channels"] = [fault.name for fault in channels.faults]
         rows = [GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given]
@@ -191,19 +174,16 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
         problem = f"{where} is not a result of this version of fdcal (fdcal_result = {found})"
         raise InputError(problem, "write it with `fdcal calibrate -o`", key="fdcal_result")
     table = _checked(content, where)
-    evidence = room = channels = None
+    evidence = channels = None
     if table.residual_to_noise is not None:
         evidence = table.part(Evidence)
-    if table.symmetries is not None:
-        arrays = tuple((one.map, np.array(one.positions)) for one in table.symmetries)
-        room = KnownRoom(tuple(table.room), np.array(table.source), complex(*table.admittance), arrays)
     if table.gain_db is not None:
         rows = table.given or ()
         given = tuple(GivenPosition(row.name, row.given_m, row.found_m, row.sigma_m, row.wrong) for row in rows)
         channels = table.part(Channels, faults=table.faults or (), given=given)
     names = table.names or tuple(map(str, range(len(table.positions))))
     order = table.check.order if table.check is not None and table.check.fits else None
-    return table.part(Calibration, names=names, evidence=evidence, room=room, channels=channels, order=order)
+    return table.part(Calibration, names=names, evidence=evidence, channels=channels, order=order)
 
 
 def save_result(
@@ -301,11 +281,6 @@ def _checked(content: dict, where: str) -> ResultTable:
     absent = [RENAMED[name] for name in CHANNEL_NUMBERS if getattr(table, name) is None]
     if 0 < len(absent) < len(CHANNEL_NUMBERS):
         require(False, absent[0], *missing)
-    if table.symmetries is not None:
-        right = {"room", "source", "admittance"} <= content.keys()
-        require(right, "symmetries", 'needs "room", "source" and "admittance"')
-        right = all(np.array(one.positions, object).shape == shapes["positions"] for one in table.symmetries)
-        require(right, "symmetries", 'must hold positions of the same shape as "positions"')
     given = table.given or ()
     for key, rows in (("odd_channel_details", table.faults or ()), ("given_positions", given)):
         right = table.names is None or {row.name for row in rows} <= {*table.names}

@@ -131,7 +131,6 @@ def result_sentences(
         over = f"{'the' if faultless or sought else 'all'} {len(numbers)} microphones{sought}{faultless}"
         error = f"{error_words(result)} over {over}"
         error += f", moved as a whole onto {truth}" if result.aligned else f", against {truth}" if nominal else ""
-        error += ", in the nearest of the room's symmetries" if result.room is not None else ""
     if result.uncertainty is not None:
         error += f"; one sigma {length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)}"
     said["error"] = error
@@ -149,11 +148,6 @@ def result_sentences(
         faults = faults_text(channels.faults)
         said["channels"] = f"{spread}; {'faulty: ' + faults if faults else 'none is faulty'}"
     said["verdict"] = f"{result.verdict}: {result.verdict_text}"
-    if (room := result.room) is not None:
-        size, source = " x ".join(f"{x:.4g}" for x in room.size), ", ".join(f"{x:z.2f}" for x in room.source)
-        said["room"] = f"{size} m; source at ({source}) m, walls of admittance {room.admittance.real:.2g}"
-        others = ", ".join(name for name, _ in room.symmetries[1:])
-        said["images"] = f"mirror images explain the pressures as well: {others}"
     return said
 
 

@@ -26,7 +26,6 @@ from ..assessment.result_file import save_result
 from ..model.libraries import missing_library
 from ..model.measurement import microphone_index, save_measurement
 from ..model.scene import load_scene, scene_names
-from ..model.settings import KNOWN_ROOM_SOLVERS
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
@@ -202,7 +201,6 @@ def simulate(scene: str, output: str, force: bool):
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
 @opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known: sets size and sound speed.",
             type=opt.distance)  # fmt: skip
-@opt.option("--room LxW[xH]", "Size of a rectangular room, metres; implies solver room.", type=opt.room_size)
 @opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
@@ -210,7 +208,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.recording_options(*opt.RECORDED)
 @opt.force_option
 def calibrate(
-    sources, solver, gain_sigma, modes, seed, exclude, distance, room, time_limit, check, positions, output, force,
+    sources, solver, gain_sigma, modes, seed, exclude, distance, time_limit, check, positions, output, force,
     **settings,
 ):  # fmt: skip
     """Find the microphones and assess the result.
@@ -229,12 +227,8 @@ def calibrate(
     if settings["known"] not in (None, *opt.KNOWN):
         recorded["known"] = settings.pop("known")
     inputs = opt.input_of(sources, exclude, positions, **recorded)
-    if room is not None:
-        if solver not in (None, *KNOWN_ROOM_SOLVERS):
-            raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver")
-        solver = KNOWN_ROOM_SOLVERS[0]
     settings |= dict(zip(("gain_sigma_db", "phase_sigma_deg"), gain_sigma or (), strict=False))
-    inputs = with_settings(inputs, solver, modes, seed, room=room, **settings)
+    inputs = with_settings(inputs, solver, modes, seed, **settings)
     inputs = replace(inputs, distance=distance, time_limit=time_limit)
     if check and inputs.measurement.positions is None:
         raise InputError("the file has no positions to compare with", "name a list: <positions>", key="check")
@@ -250,8 +244,7 @@ def calibrate(
         from ..session.doctor import list_fit  # loads the readers of recordings
 
         with opt.progress_bar("comparing") as progress:
-            fits = result.room is None and compared.fits  # otherwise no single row is judged
-            fit = list_fit(inputs, result, compared, progress) if fits else None
+            fit = list_fit(inputs, result, compared, progress) if compared.fits else None  # else no row is judged
         print(report.comparison_text(inputs, result, compared, fit))
         if not compared.agrees or (fit is not None and fit.wrong):
             return 5

@@ -17,12 +17,11 @@ from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 # Heads of the lines of a summary, in their order.
-HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict", "room",
-         "images")  # fmt: skip
+HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict")
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return a summary of a calibration: seven lines, and more for the sound speed, the channels or a known room."""
+    """Return a summary of a calibration: seven lines, and more for the sound speed or the channels."""
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said["list"] = inputs.remark
@@ -43,7 +42,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     """Return how the positions found differ from those that the measurement has."""
     listed = np.asarray(inputs.measurement.positions)
-    positions = result.positions if result.room is None else result.positions_for(inputs.measurement)
+    positions = result.positions
     if _size_is_open(inputs, result):  # scaled about their centre to the size of the list
         centre = positions.mean(axis=0)
         positions = centre + size_ratio(positions, listed) * (positions - centre)

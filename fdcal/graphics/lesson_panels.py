@@ -43,7 +43,7 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
                 level = float(mean[half].mean())
                 means.append((x[half].min(), x[half].max(), level, f"{word} half {mm_text(level / 1e3, 2)} mm"))
         return chart(x, mean, ("distance from the first known microphone (m)", "mean error over the run (mm)"), means)
-    if found is None or found.channels is None:
+    if found is None:
         return ""
     if name == "channels":
         more = measurement.count - FEW

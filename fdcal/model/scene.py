@@ -31,7 +31,7 @@ import numpy as np
 
 from .measurement import Measurement, load_measurement
 from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed, Whole
-from .settings import KNOWN_ROOM_SOLVERS, Faults, Search, Sensing, SolverSettings, search_around
+from .settings import Faults, Search, Sensing, SolverSettings, search_around
 from .storage import parse_toml, read_bytes
 from .validation import LIMITS, InputError, StorageError, build, check, naming, refusal, require_choice, require_point
 
@@ -347,25 +347,6 @@ class Scene:
                 raise InputError(problem, "narrow the one or widen the other", key="measurement.highest")
         elif self.array.number > LIMITS.microphones_3d:
             raise refusal("array.count", self.array.number, "is too large", f"use at most {LIMITS.microphones_3d}")
-        if self.solver.name in KNOWN_ROOM_SOLVERS:
-            require_rectangle(self)
-            object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
-
-
-def no_rectangle(scene: Scene) -> str:
-    """Return why solver "room" cannot be used for the room of `scene`; "" if it can."""
-    if scene.room.size is None:
-        return "is not a rectangle with room.size"
-    if scene.source is not None and len(scene.source.places) > 1:
-        return f"has a source at {len(scene.source.places)} positions, and the solver seeks one"
-    return 'has walls = "pressure-release"' if scene.room.walls == "pressure-release" else ""
-
-
-def require_rectangle(scene: Scene) -> None:
-    """Raise InputError unless solver "room" can be used for the room of `scene`."""
-    reason = no_rectangle(scene)
-    if reason:
-        raise InputError(f"the room of {scene.name} {reason}", "use another solver than room", key="solver.name")
 
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates

@@ -167,9 +167,6 @@ class Search:
 
 ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its array and the solver allow
 
-# Solvers that need the size of a rectangular room. Their traits (`fdcal.solvers.interface`) say the same.
-KNOWN_ROOM_SOLVERS = ("room",)
-
 
 @dataclass(frozen=True)
 class SolverSettings:
@@ -179,7 +176,7 @@ class SolverSettings:
     ----------
     name : str
         "robust", which seeks the gains of the channels, too; "joint", the same for matched channels and exact given
-        positions; "descent", the paper's; or "room".
+        positions; or "descent", the paper's.
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
         the solver can use (`fdcal.solvers.requirements`).
@@ -205,8 +202,6 @@ class SolverSettings:
     known : str
         Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
         or "none".
-    room : tuple of float or None
-        Size of the rectangular room of solver "room", metres; that of the scene unless given.
     gains : str
         Of "robust": "auto" seeks gain and phase of every channel and estimates their standard deviations; with "fixed"
         they do not change.
@@ -240,7 +235,6 @@ class SolverSettings:
     known: Literal["all", "minimal", "none"] = option(
         "all", "Known microphones to use; minimal: a position, a direction, a side.", "all|minimal|none|NAMES|FILE.csv"
     )
-    room: tuple[Metres, ...] | None = None
     gains: Annotated[Literal["auto", "fixed"], within(solver="robust")] = option(
         "auto", "Whether solver robust seeks gain and phase of every channel."
     )
@@ -254,7 +248,7 @@ class SolverSettings:
     )
 
     OPTIONAL: typing.ClassVar = (
-        "modes", "mode_order", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg",
+        "modes", "mode_order", "start", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg",
         "known_sigma", "sound_speed_sigma",
     )  # fmt: skip
 

@@ -142,7 +142,6 @@ def calibrate(
     modes: int | None = None,
     noise: str | float | None = None,
     seed: int | None = None,
-    room: Sequence[float] | None = None,
     exclude: Sequence[str | int] = (),
     distance: tuple[str | int, str | int, float] | None = None,
     time_limit: float | None = None,
@@ -159,15 +158,13 @@ def calibrate(
         Microphones whose positions the solver gets: "all" whose positions the measurement has (the default), "minimal"
         or "none"; names or numbers of microphones; or a mapping of names or numbers to positions (D,), metres.
     solver : str, optional
-        "robust" (the default), "joint", "descent" or "room".
+        "robust" (the default), "joint" or "descent".
     modes : int, optional
         Number of modes in use at the end, the lowest first. The default is all that array and solver can use.
     noise : str or float, optional
         "reported" (the default), "auto", or the signal-to-noise ratio of each mode, dB.
     seed : int, optional
         Seed of the solver's random numbers; 0 unless given.
-    room : sequence of D float, optional
-        Size of a rectangular room, metres; implies solver "room".
     exclude : sequence of str or int
         Names or numbers of microphones to leave out.
     distance : (microphone, microphone, float), optional
@@ -213,9 +210,6 @@ def calibrate(
         measurement = with_known(measurement, known if isinstance(known, Mapping) else microphone_names("known", known))
     inputs = measurement_input(measurement, excluded=microphone_names("exclude", exclude), settings=settings)
     others |= {"known": gauge, "noise": None if noise is None else str(noise)}
-    if room is not None:
-        sides = _entries("room", room, "lengths", "write <room> = (7.0, 6.0), metres")
-        solver, others["room"] = solver or "room", convert(sides, tuple[float, ...], "room")
     inputs = with_settings(inputs, solver, modes, seed, **others)
     if distance is not None:
         parts = [] if isinstance(distance, str) or not isinstance(distance, Iterable) else list(distance)

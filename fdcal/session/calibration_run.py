@@ -19,7 +19,7 @@ from ..model.measurement import Measurement, check_channels, microphone_index
 from ..model.problem import Problem
 from ..model.quantities import Metres, Seconds
 from ..model.settings import SolverSettings, search_around
-from ..model.validation import InputError, convert, frozen_array, refusal
+from ..model.validation import InputError, convert, frozen_array
 from ..solvers import load, run, with_mode_count
 from ..solvers.interface import RunState, ended_early, time_limit
 from ..solvers.requirements import check_solvable
@@ -28,17 +28,15 @@ from .sources import CalibrationInput, ProgressReport
 
 
 def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError if the solver cannot find the array, for example outside of the search domain or the room."""
-    measurement, traits, size = inputs.measurement, load(inputs.settings.name).TRAITS, inputs.settings.room
+    """Raise InputError if the solver cannot find the array, for example outside of the search domain."""
+    measurement = inputs.measurement
     truth, search = measurement.positions, measurement.search
-    if traits.needs_room and (inputs.distance is not None or inputs.settings.known == "minimal"):
-        raise InputError("a known room fixes the gauge", "leave out <distance> and <known> minimal", key="room")
     if inputs.distance is not None:
         if len(problem.known):
             raise InputError("distance is for arrays without known microphones", "leave out <distance>", key="distance")
         convert(inputs.distance[2], Metres, "distance")
         distance_pair(inputs)
-    if truth is not None and search is not None and traits.needs_search:
+    if truth is not None and search is not None and load(inputs.settings.name).TRAITS.needs_search:
         free = np.setdiff1d(np.arange(measurement.count), measurement.known)
         low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
         outside = free[np.any((truth[free] < low) | (truth[free] > high), axis=1)]
@@ -49,13 +47,7 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
             )
             raise InputError(fault, "enlarge or move it", key="search")
     check_channels(measurement.pressures, measurement.names)
-    if not traits.needs_room:
-        check_solvable(problem, inputs.settings.modes, measurement.names)
-    elif truth is not None and size is not None and len(size) == measurement.array_dimension:
-        extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
-        if extent > diagonal:
-            text = "x".join(f"{length:g}" for length in size)
-            raise refusal("room", text, f"is smaller than the array of {extent:.3g} m", "give <room> in metres")
+    check_solvable(problem, inputs.settings.modes, measurement.names)
 
 
 def assess_state(
@@ -92,7 +84,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
 
 def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
     """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment."""
-    faulty = set() if found is None or found.channels is None else found.channels.faulty
+    faulty = set() if found is None else found.channels.faulty
     kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
     return kept if len(kept) else sought
 
@@ -163,7 +155,7 @@ def solve(
             progress(1.0, "done")
     measurement = inputs.measurement
     positions, covariance = found.positions, found.covariance
-    blind = problem.frame is None and not len(problem.known) and found.room is None
+    blind = problem.frame is None and not len(problem.known)
     if blind and np.isfinite(positions).all():  # the axes are those of the array itself: see `Calibration.frame`
         axes = principal_axes(positions)
         positions, covariance = (positions - positions.mean(axis=0)) @ axes, axes.T @ covariance @ axes
@@ -189,7 +181,6 @@ def solve(
         uncertainty=found.uncertainty,
         covariance=covariance,
         evidence=found.evidence,
-        room=found.room,
         channels=found.channels,
         run=Run(measurement, problem, inputs.settings, inputs.seed, int(state.step), again) if keep else None,
     ).compared_with(measurement, inputs.given)
@@ -237,7 +228,7 @@ def cost_in_decibels(found: Assessment) -> float | None:
     reference_cost = reference_cost_of(problem)
     if reference_cost is None:
         return None
-    cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
+    cost = reference_cost(found.positions, found.channels.correction)
     return cost if np.isfinite(cost) else None
 
 
@@ -255,15 +246,13 @@ DOMAIN_SECONDS = 20.0  # of processor time for the estimate
 def with_estimated_domain(
     measurement: Measurement, settings: SolverSettings, seed: int, progress: ProgressReport | None = None
 ) -> Measurement:
-    """Return a measurement with a search domain: its own, a known room, or one around an estimate of the positions.
+    """Return a measurement with a search domain: its own, or one around an estimate of the positions.
 
     The solver of the run makes the estimate, so that it has the same axes; if that solver needs a search domain, the
     default solver does. The estimate of a blind array is moved onto the true positions.
     """
     if measurement.search is not None:
         return measurement
-    if settings.room is not None and len(settings.room) == measurement.array_dimension:
-        return replace(measurement, search=search_around([(0.0,) * len(settings.room), settings.room]))
     needs_search = load(settings.name).TRAITS.needs_search
     chosen = replace(settings, name=SolverSettings().name if needs_search else settings.name, start=None)
     inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)

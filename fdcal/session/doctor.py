@@ -160,14 +160,12 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
             given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
             result = given if _errors(given)[0] < _errors(result)[0] - 1.0 else result
     yield from _field(measurement, result)
-    if (channels := result.channels) is None:
-        yield Answer("channels", "unknown", "the solver did not find the gains")
-    else:
-        differing = [one for one in channels.faults if one.kind not in OF_LIST]
-        text = faults_text(differing) or f"gains {gain_words(result)}"
-        minor: AnswerState = "differs" if all(FAULTS[one.kind].minor for one in differing) else "fault"
-        kinds = tuple((one.kind, one.name) for one in differing)
-        yield Answer("channels", minor if differing else "fine", text, len(differing), "channels", kinds)
+    assert result.channels is not None
+    differing = [one for one in result.channels.faults if one.kind not in OF_LIST]
+    text = faults_text(differing) or f"gains {gain_words(result)}"
+    minor: AnswerState = "differs" if all(FAULTS[one.kind].minor for one in differing) else "fault"
+    kinds = tuple((one.kind, one.name) for one in differing)
+    yield Answer("channels", minor if differing else "fine", text, len(differing), "channels", kinds)
     if check is not None:
         yield _list(inputs, result, check, progress)
 
@@ -178,12 +176,11 @@ def _errors(result: Calibration) -> tuple[float, float, np.ndarray, np.ndarray]:
     The first two are those of the lowest frequencies, predicted by a sound field and by the mean of the others. The
     third is that of each frequency by a sound field.
     """
-    assert result.run is not None
+    assert result.run is not None and result.channels is not None
     problem, healthy = result.run.problem, np.zeros(len(result.names), bool)
     healthy[result.healthy] = True
-    gains = np.ones(len(result.names)) if result.channels is None else result.channels.correction.gains
     modes = slice(0, int(np.sum(problem.frequencies <= result.frequencies[-1])))
-    corrected: Problem = replace(problem, pressures=problem.pressures / gains)
+    corrected: Problem = replace(problem, pressures=problem.pressures / result.channels.correction.gains)
     p = corrected.pressures[modes]
     errors = leave_one_out_errors(corrected, result.positions, modes, healthy=healthy)
     seen = p[:, healthy]

@@ -28,9 +28,9 @@ from typing import Annotated, Literal
 import numpy as np
 from scipy.spatial.distance import pdist
 
+from ..acoustics.box_field import independent_frequencies
 from ..acoustics.dictionary import array_f_max
 from ..acoustics.measure import cached_measurement
-from ..acoustics.room_modes import independent_frequencies
 from ..assessment.uncertainty import Bound, Information, Prior, diffuse_information, position_bound
 from ..model.arrays import WALL_DISTANCE_M, geometry, hull_meets, positions_of, random_source
 from ..model.gauge import fixes_gauge

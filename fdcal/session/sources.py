@@ -17,7 +17,7 @@ from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
 from ..model.measurement import FLAT, Measurement, exclude_microphones, list_labels, load_measurement, with_positions
 from ..model.quantities import Count, Seed
-from ..model.scene import Faults, MeasuredScene, Scene, load_scene, placeholder_scene, require_rectangle
+from ..model.scene import Faults, MeasuredScene, Scene, load_scene, placeholder_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, convert, declaration, length_text, refusal
 from ..recordings import formats
@@ -54,8 +54,7 @@ class CalibrationInput:
     @property
     def given(self) -> tuple[int, ...]:
         """Numbers of the microphones whose positions the solver is given; the others are sought."""
-        takes = self.settings.known == "all" and not load(self.settings.name).TRAITS.needs_room
-        return tuple(map(int, self.measurement.known)) if takes else ()
+        return tuple(map(int, self.measurement.known)) if self.settings.known == "all" else ()
 
 
 def load_input(
@@ -165,7 +164,7 @@ def with_settings(
     solver: str | None = None,
     modes: int | None = None,
     seed: int | None = None,
-    **others: str | float | tuple[float, ...] | None,
+    **others: str | float | None,
 ) -> CalibrationInput:
     """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None changes nothing.
 
@@ -187,9 +186,6 @@ def with_settings(
             raise refusal(key, value, why, f"leave out <{key}>, or use <solver> {other}")
         if "with_gains" in option and settings.gains == "fixed":
             raise refusal(key, value, "has no effect with gains = fixed", f"leave out <{key}>, or use <gains> auto")
-    if traits.needs_room and inputs.scene is not None:
-        require_rectangle(inputs.scene)
-        settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)
 
 

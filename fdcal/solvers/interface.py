@@ -23,10 +23,9 @@ import numpy as np
 
 from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search, SolverSettings
-from ..model.validation import LIMITS, Bools, Complexes, InputError, Reals
+from ..model.validation import LIMITS, Bools, InputError, Reals
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
-    from ..acoustics.room_modes import RoomSymmetry
     from ..cost.likelihood import Terms
 
 
@@ -147,43 +146,6 @@ class Estimate:
     interpolates: bool = False  # whether the solver interpolates the field between microphones (Eq. 7)
 
 
-@dataclass(frozen=True)
-class SizeFit:
-    """The room that fits best."""
-
-    # change, sigma: (D,) float64, relative change of each length, and one sigma of it
-    change: np.ndarray
-    sigma: np.ndarray
-    residual: float  # reduced chi-square with these lengths
-
-
-@dataclass(frozen=True)
-class RoomEstimate:
-    """The result of a solver that knows the room."""
-
-    # problem, modes, positions, converged: as of `Estimate`
-    problem: Problem
-    modes: slice
-    positions: np.ndarray
-    converged: bool
-    # pressures, leave_one_out_errors: (M, N) complex128, of the modes in use, scaled to unit RMS, and their difference
-    # from the prediction by the other microphones
-    pressures: Complexes
-    leave_one_out_errors: Complexes
-    covariance: Reals  # (N, D, D) float64, metres^2, with source, walls and loudness unknown
-    residual: float  # reduced chi-square
-    # (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
-    channel_residual: np.ndarray
-    # noise_fraction, noise_given: noise over the mean power, and whether it is that of the measurement
-    noise_fraction: float
-    noise_given: bool
-    size: tuple[float, ...]  # metres
-    better_size: SizeFit
-    source: Reals  # (D,) float64, metres
-    admittance: complex  # of the walls
-    images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
-
-
 @dataclass(frozen=True, kw_only=True)
 class RunState:
     """The part of a solver's state that page, history, session files and exports read.
@@ -246,7 +208,6 @@ class Traits:
 
     moves_all: bool  # whether a step moves all free microphones; otherwise one
     needs_search: bool = False  # whether it needs a search domain, whose lattice it searches
-    needs_room: bool = False  # whether it needs the size of a rectangular room (`SolverSettings.room`)
     adds_modes: bool = False  # whether it adds modes by itself while it runs
     # values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
     starts: tuple[str, ...] = ()
@@ -293,7 +254,7 @@ class Solver(Protocol):
         """Return the cost of microphone `n` over a lattice, the problem's unless given : (modes, ny, nx)."""
         ...
 
-    def result(self, problem: Problem, state: Any) -> Estimate | RoomEstimate:
+    def result(self, problem: Problem, state: Any) -> Estimate:
         """Return what the solver has found, which is all that the assessment of a result reads."""
         ...
 

@@ -1,8 +1,8 @@
 """One damped Gauss-Newton step (Levenberg-Marquardt), for any cost with a gradient and a Gauss-Newton matrix.
 
 The caller provides functions that apply a step y of the parameters to the unknowns and measure how far positions move.
-The same step therefore serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with bounds
-(`fdcal.solvers.room`).
+The same step therefore serves positions in a subspace (`fdcal.solvers.starts`), and positions with the gains of the
+channels (`fdcal.solvers.robust.objective`).
 """
 
 from collections.abc import Callable

@@ -138,8 +138,7 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
         return ""
     colour, text = GREY, PENDING
     if found is not None:
-        faults = found.channels is not None and found.channels.faults
-        colour = DOUBTFUL if found.verdict != "good" else FAULTY if faults else GOOD
+        colour = DOUBTFUL if found.verdict != "good" else FAULTY if found.channels.faults else GOOD
         text = f"<b>{escape(found.verdict.replace('_', ' '))}</b>: {escape(found.verdict_text)}"
         figures = words.prediction_words(found.evidence.leave_one_out_db)
         text = f"<div style='color: {colour}'>{text}</div><div style='opacity: 0.85'>{figures}</div>"

@@ -23,7 +23,7 @@ from ..graphics.marks import MARKS, symbol_svg
 from ..graphics.replay import filled
 from ..model.address import Unit
 from ..model.gauge import fixes_gauge
-from ..model.scene import MEASURED_AND_MODELLED, MeasuredScene, no_rectangle
+from ..model.scene import MEASURED_AND_MODELLED
 from ..session.sources import OpenRequest
 from . import html, tabs
 from .html import Overlay
@@ -275,16 +275,11 @@ class SolverTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
-        row, modes, scene, problem = binding.row, binding.modes, binding.run.scene, binding.run.problem
+        row, modes, problem = binding.row, binding.modes, binding.run.problem
         in_space_or_plane = problem.array_dimension == problem.dimension
         searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
-        room_known = in_space_or_plane and not isinstance(scene, MeasuredScene) and not no_rectangle(scene)
-        traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
-        names = tuple(  # of the solvers that can solve this problem
-            name
-            for name, one in traits.items()
-            if (searchable or not one.needs_search) and (room_known or not one.needs_room)
-        )
+        # of the solvers that can solve this problem
+        names = tuple(name for name in solvers.names() if searchable or not solvers.load(name).TRAITS.needs_search)
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
                 f"First {row}", 1, modes, 1, state.first,
@@ -304,7 +299,7 @@ class SolverTab(Tab):
             self.name = binding.dropdown(
                 "Method", names, settings.name, self._choose_method, disabled=len(names) == 1, command="method",
                 hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
-                " time; room: shoebox room and sources together with the microphones",
+                " time",
             )  # fmt: skip
             self.start = binding.dropdown(
                 "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),

@@ -52,8 +52,7 @@ class PreparedRun:
     @property
     def sought(self) -> np.ndarray:
         """Numbers of the microphones whose positions are not given; errors are averaged over these."""
-        everyone = np.arange(self.measurement.count)
-        return everyone if self.solver.TRAITS.needs_room or not len(self.problem.free) else self.problem.free
+        return self.problem.free if len(self.problem.free) else np.arange(self.measurement.count)
 
     @property
     def known_scene(self) -> Scene | None:
@@ -68,8 +67,7 @@ class PreparedRun:
     @property
     def anchor(self) -> Reals | None:
         """The true positions (N, D), metres, onto which the page moves each state; None if states are not moved."""
-        moves = self.measurement.blind and not self.solver.TRAITS.needs_room  # a known room determines the frame
-        return self.measurement.positions if moves else None
+        return self.measurement.positions if self.measurement.blind else None
 
     def drawn_truth(self, positions: Any) -> Reals | None:
         """Return the true positions as the page draws them beside `positions`; None if they are unknown."""
@@ -235,7 +233,7 @@ class Preparation:
         if opening.play:
             session.play()
         search, truth = measurement.search, measurement.positions
-        if search is not None and truth is not None and measurement.blind and not solver.TRAITS.needs_room:
+        if search is not None and truth is not None and measurement.blind:
             # Only the maps need this domain; a blind array is solved without one.
             search = search_around(session.view.history[0].positions, search, truth)
             measurement, problem = replace(measurement, search=search), replace(problem, search=search)

@@ -42,9 +42,9 @@ def ellipses_of(
     """Return the half axes of the 95 % ellipses at the end of a run; None before it, or if they are unknown.
 
     `found` is the assessment of the state on the screen, or None; `frame` that in which the page draws the `positions`
-    of the state. In a known room no ellipses are drawn, since each position has images.
+    of the state.
     """
-    if found is None or found.room is not None or not np.isfinite(found.covariance).all():
+    if found is None or not np.isfinite(found.covariance).all():
         return None
     axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
     return axes if frame is None else frame.axes(positions, axes)
@@ -136,7 +136,7 @@ class SessionPicture:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]
             paths = np.array([self._frame.positions(state.positions) for state in past])
             picture = pictures.with_trails(picture, paths, floor)
-        faults = () if found is None or found.channels is None else found.channels.faults
+        faults = () if found is None else found.channels.faults
         faulty = [measurement.names.index(fault.name) for fault in faults]
         if choices.ellipses and found is not None and axes is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])

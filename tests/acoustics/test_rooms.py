@@ -1,4 +1,4 @@
-"""Rooms in closed form: the field of a box, the modes of a rectangle."""
+"""The field of a box-shaped room in closed form."""
 
 import dataclasses
 import math
@@ -7,9 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import rigid_room
 
-from fdcal.acoustics import room_modes
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.spectrum import SPECTRUM
@@ -17,7 +15,6 @@ from fdcal.model.scene import Room, Source, load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.session.sources import check_scene
-from fdcal.solvers.room import RoomData, diffuse_terms, exact
 
 SIZE = (2.3, 1.9, 1.6)
 SOURCE = np.array([2.1, 1.75, 1.45])
@@ -138,80 +135,3 @@ def test_a_duration_of_days_is_refused_at_once(call, ball):
     assert time.process_time() - began < 0.1
     longest = float(str(caught.value).split("use at most ")[1].split(" s")[0])
     check_scene(replace(ball, source=replace(ball.source, duration=0.99 * longest)))
-
-
-# The field of a rectangular room against closed forms, its derivatives, and its symmetries.
-
-
-RNG = np.random.default_rng(4)
-RECTANGLE, BOX = (6.0, 5.0), (4.1, 3.3, 2.6)
-IN_RECTANGLE, SOURCE_IN_RECTANGLE = RNG.uniform(0.3, 4.0, (6, 2)), np.array([5.4, 4.5])
-HIGH, BOX_SOURCE = RNG.uniform(0.3, 2.3, (6, 3)), np.array([3.7, 2.9, 0.4])
-WAVENUMBERS = (2 * np.pi * np.array([34.3, 66.7, 102.9]) - 3j) / 343.0
-
-
-def differs(values, truth) -> float:
-    """Largest relative difference after the amplitude of each frequency is removed."""
-    ratio = values / truth
-    return float(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1).max())
-
-
-@pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])
-def test_the_sum_is_the_closed_form_in_a_box(admittance):
-    walls = Room(size=BOX, walls="absorbing", admittance=admittance) if admittance else Room(size=BOX)
-    room = room_modes.point_source_model(BOX, WAVENUMBERS, admittance)
-    truth = point_source_pressures(walls, BOX_SOURCE, HIGH, WAVENUMBERS)
-    assert differs(room_modes.room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
-    if not admittance:
-        room, source = room_modes.point_source_model(RECTANGLE, WAVENUMBERS, 0), SOURCE_IN_RECTANGLE
-        truth = rigid_room(IN_RECTANGLE, source, WAVENUMBERS)
-        assert differs(room_modes.room_pressures(room.excitation(source), room.shapes(IN_RECTANGLE)), truth) < 1e-4
-
-
-def slope(function, x, i: int, h: float = 1e-6) -> float:
-    ahead, behind = x.copy(), x.copy()
-    ahead[i] += h
-    behind[i] -= h
-    return (function(ahead) - function(behind)) / (2 * h)
-
-
-@pytest.mark.parametrize(
-    ("size", "places", "source"),
-    [(RECTANGLE, IN_RECTANGLE, SOURCE_IN_RECTANGLE), (BOX, HIGH, BOX_SOURCE)],
-    ids=["plane", "space"],
-)
-def test_the_gradients_of_the_exact_and_the_diffuse_model_are_their_slopes(size, places, source):
-    draws, noise, D = RNG.standard_normal((2, 3, 6)), np.array([0.1, 0.2, 0.3]), len(size)
-    p = draws[0] + 1j * draws[1]  # which the unknowns do not explain
-    theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
-
-    data = RoomData(p, noise, WAVENUMBERS, size)
-    gradient = exact(theta, data).terms.gradient
-    for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
-        assert gradient[i] == pytest.approx(slope(lambda y: exact(y, data, False).cost, theta, i), rel=2e-3, abs=2e-3)
-    model, x = room_modes.diffuse_model(size, WAVENUMBERS, 0.01), places.ravel()
-    gradient = diffuse_terms(x, p, noise, model).gradient
-    for i in (0, 3, 7):
-        wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
-        assert gradient[i] == pytest.approx(wanted, rel=1e-4, abs=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("size", "count"), [((6.0, 5.0), 4), ((5.0, 5.0), 8), ((4.0, 3.0, 2.5), 8), ((3.0, 3.0, 2.5), 16)]
-)
-def test_the_symmetries_of_a_room_leave_its_pressures_unchanged(size, count):
-    found = room_modes.room_symmetries(size)
-    assert len(found) == count
-    D, room = len(size), room_modes.point_source_model(size, WAVENUMBERS, 0.02)
-    places, source = RNG.uniform(0.2, 2.3, (4, D)), RNG.uniform(0.2, 2.3, D)
-    here = room_modes.room_pressures(room.excitation(source), room.shapes(places))
-    assert np.array_equal(found[0].apply(places), places)
-    distinct = {tuple(np.round(image.apply(places), 9).ravel()) for image in found}
-    assert len(distinct) == len({str(image) for image in found}) == count
-    for image in found:
-        assert np.allclose(
-            room_modes.room_pressures(room.excitation(image.apply(source)), room.shapes(image.apply(places))),
-            here,
-            rtol=1e-9,
-        )
-        assert room_modes.nearest_symmetry(places, image.apply(places), size) == image

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from running import refuses
 
-from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
+from fdcal.assessment.findings import FINDINGS
 from fdcal.assessment.position_check import compare_positions, fit_list
 from fdcal.assessment.words import comparison_sentences, list_faults
 
@@ -157,11 +157,11 @@ def test_position_errors_are_not_taken_for_swaps(seed):
     assert described(check, range(20)).startswith("no channels are swapped")
 
 
-CODES = {one.code for one in (*FINDINGS, *ROOM_FINDINGS)} - {"good"}
+CODES = {one.code for one in FINDINGS} - {"good"}
 
 
 def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_places():
-    assert {"scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= CODES
+    assert {"scale_undetermined", "undersampled", "sound_speed"} <= CODES
     places = ball(5, 16, 3)
     near = compare_positions(moved(places, 5), places)
     off = np.random.default_rng(0).normal(size=places.shape)

@@ -20,7 +20,7 @@ from running import refuses
 from scipy.spatial.distance import pdist
 
 from fdcal import Calibration
-from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, KnownRoom, placed_in_frame
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, placed_in_frame
 from fdcal.assessment.result_file import load_result, position_table, save_result
 from fdcal.assessment.words import error_line, state_error_words
 from fdcal.graphics.picture import VISIBLE, ellipse_scale
@@ -31,11 +31,10 @@ from fdcal.viewer.tabs import microphones
 
 POSITIONS = np.array([[0.1, 0.2], [1 / 3, 4.0]])
 FULL = Calibration(
-    POSITIONS, ("a", "b"), "room", 3, np.array([28.6, 34.3]), 1.25e-7, 41, 2.5, True, ("a",), ("c",), False,
+    POSITIONS, ("a", "b"), "robust", 3, np.array([28.6, 34.3]), 1.25e-7, 41, 2.5, True, ("a",), ("c",), False,
     0.01, 0.02, np.array([0.0, 0.02]), 343.0, "good", "nothing speaks against these positions",
     np.array([0.0, 0.001]), np.array([np.zeros((2, 2)), [[1e-6, 1e-7], [1e-7, 2e-6]]]),
     Evidence(1.02, -37.5, np.array([-37.0, -38.0]), np.array([-36.0, -39.0])),
-    KnownRoom((6.0, 5.0), np.array([1.0, 2.0]), 0.01 + 0.02j, (("(x, y)", POSITIONS), ("(6 - x, y)", POSITIONS + 1))),
     Channels(
         np.array([0.0, 3.2]), np.array([0.1, 0.2]), np.array([0.0, -178.0]), np.array([0.5, 0.6]),
         np.array([0.0, 31.0]),
@@ -88,7 +87,7 @@ def test_a_result_may_lack_what_its_solver_does_not_find():
     assert np.array_equal(old.positions, POSITIONS)
     assert (old.mean_error, old.max_error, old.elapsed) == (None, 0.02, 2.5)
     assert old.names == ("0", "1") and old.known is None and old.excluded == ()
-    assert (old.verdict, old.uncertainty, old.sound_speed, old.evidence, old.room) == ("", None, None, None, None)
+    assert (old.verdict, old.uncertainty, old.sound_speed, old.evidence) == ("", None, None, None)
     newer = Calibration.from_json(json.dumps(LEAST | MORE))
     assert (newer.names, newer.known, newer.excluded) == (("a", "b"), ("a",), ("c",))
     assert newer.verdict == "good" and newer.sound_speed == 343.0
@@ -108,7 +107,6 @@ MALFORMED = {  # values of a key that are refused, beside the least that a file 
         "uncertainty_m": [[0.1], [0.1, math.nan], [0.1, True]], "known": [None, "a"], "residual_to_noise": [None],
         "verdict": [4], "sound_speed": [math.inf], "names": ["a,b", ["a"]], "excluded": [[3]], "aligned": [1],
         "covariance_m2": [[[[1.0]], [[2.0]]]],
-        "symmetries": [[{"map": "(x, y)", "positions": [[1.0, 2.0], [3.0, 4.0]]}]],
     },
     "full": {
         "given_positions": [
@@ -121,8 +119,6 @@ MALFORMED = {  # values of a key that are refused, beside the least that a file 
         "odd_channel_details": [
             "b", [{"name": "b"}], [DETAIL | {"name": "z"}], [DETAIL | {"value": "2"}], [DETAIL | {"unit": ["dB"]}],
         ],
-        "room": [[6.0]], "source": [[1.0, 2.0, 3.0]], "admittance": [[0.1]],
-        "symmetries": ["none", [{"map": "(x, y)"}], [{"map": "(x, y)", "positions": [[1.0, 2.0]]}]],
     },
 }  # fmt: skip
 TABLES = {"first": LEAST, "newer": LEAST | MORE, "full": WHOLE}
@@ -190,8 +186,6 @@ def test_positions_are_given_in_the_axes_of_the_true_positions():
     aligned = replace(plain, positions=turned, aligned=True)
     assert np.allclose(aligned.positions_for(measurement), truth)
     assert aligned.compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
-    room = KnownRoom((6.0, 5.0), np.zeros(2), 0j, (("(x, y)", turned), ("(6 - x, y)", truth)))
-    assert np.array_equal(replace(plain, positions=turned, room=room).positions_for(measurement), truth)
     refuses(r"shape \(4, 2\)", plain.positions_for, measurement)
     refuses("leaves out microphone c", lambda: replace(result(2), excluded=("c",)).positions_for(measurement))
 

@@ -11,7 +11,7 @@ from scipy.special import j0, jv
 from scipy.stats import chi2
 from solving import estimated_at, run_from
 
-from fdcal.acoustics.room_modes import mode_count
+from fdcal.acoustics.box_field import mode_count
 from fdcal.assessment.assess import assess
 from fdcal.assessment.uncertainty import (
     Prior,

@@ -27,7 +27,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
-        (["calibrate", "tiny", "--solver", "joint+descent"], ["'--solver'", "'descent', 'joint', 'robust', 'room'"]),
+        (["calibrate", "tiny", "--solver", "joint+descent"], ["'--solver'", "'descent', 'joint', 'robust'"]),
         (["calibrate", "tiny", "--known", "some"], ["leave out --known: use all, minimal, none", "import INPUT"]),
         (["calibrate", "tiny", "--noise", "nan"], ['solver.noise = "nan" is unknown', '"auto"', "decibels"]),
         (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),

@@ -144,7 +144,6 @@ def test_noise_alone_ends_in_time():
 # Deadlines: whatever the file says, a calibration ends at its limit plus a step, with the best positions so far.
 
 COUNT, MODES = 12, 16
-SIZE = (3.0, 2.5)  # of the room of solver "room"
 
 
 def absurd(kind: str) -> Measurement:
@@ -163,7 +162,6 @@ CASES = [
     *itertools.product(["noise", "twins", "high"], ["joint", "robust"]),
     ("noise", "descent"),
     ("twins", "descent"),
-    ("noise", "room"),
 ]
 
 
@@ -171,11 +169,7 @@ CASES = [
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
     readings = itertools.count(1.0)  # of a clock that goes on by a second each time it is read
     settings = SolverSettings(name=solver, modes=2 if solver == "descent" else MODES, first_modes=2)
-    measurement = absurd(kind)
-    if solver == "room":
-        settings = replace(settings, room=SIZE)
-        measurement = replace(measurement, positions=None, known=(), known_positions=None)
-    inputs = replace(inputs_of(measurement, time_limit=20.0), settings=settings)
+    inputs = replace(inputs_of(absurd(kind), time_limit=20.0), settings=settings)
     result = solve(inputs, clock=lambda: next(readings))
     assert next(readings) == 23  # 22 is the first reading past the limit: nothing goes on after that
     assert result.verdict == "not_converged" and not result.converged and "20 s" in result.verdict_text

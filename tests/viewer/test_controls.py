@@ -245,7 +245,7 @@ def test_a_seed_without_effect_is_hidden(controls):
     steps = [
         (solver.name, "joint", (False, True)),  # from its affine start
         (solver.start, "random", (True, True)),
-        (solver.name, "room", (False, False)),  # it has a start of its own
+        (solver.name, "robust", (False, False)),
         (solver.name, "descent", (True, True)),
     ]
     for control, value, seen in steps:

@@ -13,7 +13,7 @@ from doubles import finish, wait_until
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.validation import InputError
+from fdcal.model.validation import InputError, frozen_array
 from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
@@ -67,7 +67,10 @@ def test_the_room_is_shown_while_the_solver_is_prepared(page_of, scene, monkeypa
 
 def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
     page, turn_until = page_of
-    page.open(OpenRequest(edited(scene, {"solver.name": "room", "solver.start": None})))
+    measurement, settings = cached_measurement(scene), dataclasses.replace(scene.solver, modes=6)
+    state = solvers.load(settings.name).init(measurement.problem(), settings, 0)
+    together = frozen_array(np.tile(state.positions[0], (measurement.count, 1)), float)
+    page.open(OpenRequest(scene, states=(dataclasses.replace(state, positions=together),)))
     turn_until(lambda: page.viewer is not None)
     for _ in range(3):
         page.tick(time.perf_counter())

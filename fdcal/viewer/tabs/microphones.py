@@ -100,9 +100,9 @@ class MicrophonesTab(Tab):
         positions = np.asarray(view.state.positions)
         self.table.content = position_table(measurement, positions, sigma, tick.microphone, sought)
         self.given.content = given_table(channels)
-        if found is not None and channels is not None:
+        if found is not None:
             verdict = f"<b>Verdict: {escape(found.verdict.replace('_', ' '))}</b><br>{escape(found.verdict_text)}"
-            rows = channel_table(measurement.names, channels, MAX_ROWS)
+            rows = channel_table(measurement.names, found.channels, MAX_ROWS)
             self.channels.content = f"<div style='{CARD} font-size: var(--note)'>{verdict}</div>{rows}"
         else:
             self.channels.content = ""
