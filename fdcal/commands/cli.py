@@ -169,12 +169,12 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
         if seen and not no_browser:
             webbrowser.open(url)
 
-    def on_progress(text: str) -> None:
-        print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
-
     from ..viewer import serve
 
-    serve(request, host, port, on_ready, lessons, lessons[0] if own else None, on_progress)
+    serve(
+        request, host, port, on_ready, lessons, lessons[0] if own else None,
+        lambda text: print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True),
+    )  # fmt: skip
 
 
 @commands.command()

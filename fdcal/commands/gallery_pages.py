@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 
 from ..acoustics.measure import cached_measurement
-from ..assessment.assess import Assessment
 from ..assessment.findings import root_mean_square
 from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..assessment.words import state_error_words
@@ -145,23 +144,18 @@ def _lesson_run(
     data = run_data(
         scene, measurement, states, reference_cost_of(problem), problem=problem, max_bytes=max_bytes, parts=parts
     )
-    if ellipses and found is not None:
-        data["ellipses"] = _ellipses(measurement, found)
+    if ellipses and found is not None:  # at the end of the run: the two longest half axes as drawn, and the words
+        axes = ellipse_axes(found.covariance, confidence_factor(0.95, measurement.array_dimension))
+        x0, y0, x1, y1 = focus_of(measurement)
+        scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
+        sigma = root_mean_square(np.delete(found.uncertainty, measurement.known))
+        drawn = scale * np.pad(axes[:, -2:], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
+        text = f"{MARKS['ellipses'].text}, drawn {scale:g} times larger; one sigma {length_text(sigma, 2)}"
+        data["ellipses"] = {"axes": np.round(drawn, 6).tolist(), "text": text}
     first = settings[0].unfolded()
     n = int(problem.free[0]) if first.microphone is None else first.microphone
     chosen = parse_modes(first.map_modes, len(problem.frequencies)) if first.map_modes not in (None, SOLVER) else ()
     return data, parts, picture_of(measurement, problem, states[0], n, chosen)
-
-
-def _ellipses(measurement: Measurement, found: Assessment) -> dict:
-    """Return the error ellipses at the end of a run, their two longest half axes as they are drawn, and their words."""
-    axes = ellipse_axes(found.covariance, confidence_factor(0.95, measurement.array_dimension))
-    x0, y0, x1, y1 = focus_of(measurement)
-    scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
-    sigma = root_mean_square(np.delete(found.uncertainty, measurement.known))
-    drawn = scale * np.pad(axes[:, -2:], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
-    text = f"{MARKS['ellipses'].text}, drawn {scale:g} times larger; one sigma {length_text(sigma, 2)}"
-    return {"axes": np.round(drawn, 6).tolist(), "text": text}
 
 
 def _part(setting: LessonSetting, problem: Problem) -> dict:

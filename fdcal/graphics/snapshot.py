@@ -127,11 +127,6 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 
 
-def entry_width(entry: Mark, letters: ImageFont.FreeTypeFont) -> float:
-    """Return the width of an entry and of the space to the next one, pixels."""
-    return (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
-
-
 ANCHORS = {  # of a label, to Pillow's
     f"{one}-{other}": across + up
     for one, up in (("top", "a"), ("center", "m"), ("bottom", "d"))
@@ -158,16 +153,16 @@ def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, floa
     return 90 * scale, (62 + ROW * len(_legend_rows(picture, size))) * scale, right * scale, 104 * scale
 
 
-def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[Mark]]:
-    """Return the entries of the legend in rows that fit into an image."""
+def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[tuple[Mark, float]]]:
+    """Return the entries of the legend in rows that fit into an image, and the pixels from each to the next one."""
     scale = text_scale(size)
-    letters, rows, used = font(16 * scale), list[list[Mark]](), 0.0
+    letters, rows, used = font(16 * scale), list[list[tuple[Mark, float]]](), 0.0
     for entry in legend_of(picture):
-        length = entry_width(entry, letters)
+        length = (SYMBOL * 1.35 + GAP) * letters.size / 16 + letters.getlength(entry.text)
         if not rows or used + length > size[0] - 2 * LEGEND_EDGE * scale:
             rows.append([])
             used = 0.0
-        rows[-1].append(entry)
+        rows[-1].append((entry, length))
         used += length
     return rows
 
@@ -192,11 +187,11 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     first = size[1] - len(rows) * ROW * scale - LEGEND_EDGE / 4 * scale
     for i, row in enumerate(rows):
         x, middle = LEGEND_EDGE * scale, first + (i + 0.5) * ROW * scale
-        for entry in row:
+        for entry, length in row:
             stamp = symbol(entry, edge)
             image.paste(stamp, (round(x), round(middle - edge / 2)), stamp)
             draw.text((x + 1.35 * edge, middle), entry.text, fill=picture.theme.foreground, font=letters, anchor="lm")
-            x += entry_width(entry, letters)
+            x += length
     if picture.bar is not None:
         _draw_bar(draw, picture, picture.bar, camera, letters)
     return np.asarray(image)

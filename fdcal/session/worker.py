@@ -60,7 +60,7 @@ class Lane:
             worker = next((one for one in self.workers if one.waiting and one is not besides), None)
             if worker is None or self._closed:
                 return False
-            arguments, worker.running = worker.waiting.popleft(), True
+            arguments = worker.running = worker.waiting.popleft()
         worker.carry_out(arguments)
         return True
 
@@ -89,7 +89,7 @@ class LatestWorker:
     ):
         self._function, self._name, self._notify = function, name, notify
         self.waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
-        self.running = False
+        self.running: tuple | None = None  # the arguments of the request that is carried out
         self.latest: Delivery | None = None
         self.requested: tuple | None = None
         self._lane = Lane(name) if lane is None else lane
@@ -100,7 +100,7 @@ class LatestWorker:
     def busy(self) -> bool:
         """Whether a request waits or is running."""
         with self._lane.changed:
-            return self.running or bool(self.waiting)
+            return self.running is not None or bool(self.waiting)
 
     def request(self, *arguments) -> None:
         """Request `function(*arguments)`; if `keep` requests wait, this replaces the oldest of them."""
@@ -143,7 +143,7 @@ class LatestWorker:
             log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._name, exc_info=True)
             result, error = None, failure
         with self._lane.changed:
-            self.latest, self.running = Delivery(arguments, result, error, began, time.perf_counter()), False
+            self.latest, self.running = Delivery(arguments, result, error, began, time.perf_counter()), None
             self._lane.changed.notify_all()
         self._notify()
 

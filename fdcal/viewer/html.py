@@ -10,8 +10,9 @@ sends its value as a command: `<button data-do="play">` sends "play", `<input ty
 import logging
 import re
 import secrets
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 import viser
@@ -190,6 +191,16 @@ Act = Callable[[viser.ClientHandle, str], object]
 log = logging.getLogger(__name__)
 
 
+def of_browsers(act: Callable[[Any], object]) -> Callable[[Any], Coroutine[Any, Any, None]]:
+    """Return a callback for viser that calls `act(event)` for what a browser has done, but not for this program."""
+
+    async def respond(event) -> None:
+        if event.client is not None:
+            act(event)
+
+    return respond
+
+
 class Overlay:
     """Owns the hidden controls, and knows what each command does.
 
@@ -204,11 +215,7 @@ class Overlay:
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
         self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
-
-        @self.channel.on_update
-        async def _(event) -> None:
-            if event.client is not None:
-                self.receive(event.client, event.target.value)
+        self.channel.on_update(of_browsers(lambda event: self.receive(event.client, event.target.value)))
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""

@@ -95,7 +95,7 @@ class Page:
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            self.nodes.cameras.forget(client)
+            self.nodes.cameras.pages.pop(client.client_id, None)
             if self.own_files is not None:
                 self.own_files.forget(client.client_id)
             if self.viewer is not None:

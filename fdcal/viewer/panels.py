@@ -9,7 +9,6 @@ the tabs.
 import pkgutil
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from html import escape
 from importlib import import_module
 from pathlib import Path
@@ -62,11 +61,7 @@ class Panels:
         with self.tabs["Help"]:
             gui.add_html(help_html())
         add_keys(gui, self.overlay)
-
-        @self.button.on_click
-        async def _(event) -> None:
-            if event.client is not None:
-                cancel()
+        self.button.on_click(html.of_browsers(lambda event: cancel()))
 
     def show_progress(self, current: Preparation | None, error: Exception | None, first: bool) -> None:
         """Show the session that is prepared, or the error of the last request; called by the main loop.
@@ -115,15 +110,13 @@ KEYS = {  # by the name of the key: what it does, and the command of a control o
 
 def add_keys(gui: viser.GuiApi, overlay: Overlay) -> None:
     """Add the shortcuts to every browser that opens the page."""
-
-    async def act(command: str, event) -> None:
-        if event.client is not None:
-            overlay.receive(event.client, f"key {command}")
-
     for name, (label, command) in KEYS.items():
         shift, _, key = name.rpartition("+")
         hotkey: Any = key
-        gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None).on_trigger(partial(act, command))
+        added = gui.add_command(label, hotkey=hotkey, modifier="shift" if shift else None)
+        added.on_trigger(
+            html.of_browsers(lambda event, command=command: overlay.receive(event.client, f"key {command}"))
+        )
 
 
 def help_html() -> str:

@@ -254,9 +254,8 @@ class SessionSwitcher:
 
     def __init__(self, call: Callable[[Callable[[], object]], object] = lambda function: function()):
         self._commands: collections.deque[Preparation | None] = collections.deque()  # None: cancel
-        self._worker, self._call = LatestWorker(self._execute, "fdcal-prepare"), call
+        self._worker, self._call = LatestWorker(Preparation.execute, "fdcal-prepare"), call
         self.current: Preparation | None = None
-        self._executed: Preparation | None = None  # the last one on the thread, perhaps cancelled
         self.error: Exception | None = None
 
     def open(self, request: OpenRequest, then: Then = lambda viewer: None) -> None:
@@ -270,10 +269,6 @@ class SessionSwitcher:
         """Cancel the request in progress, or dismiss the error of the last one. Any thread."""
         self._commands.append(None)
 
-    def _execute(self, preparation: Preparation) -> None:
-        self._executed = preparation
-        preparation.execute()
-
     # Only the main loop calls the methods below.
 
     @property
@@ -284,7 +279,8 @@ class SessionSwitcher:
     @property
     def compiling(self) -> bool:
         """Whether a compilation is in progress, perhaps for a request that was cancelled."""
-        return self._executed is not None and self._executed.compiling
+        running = self._worker.running
+        return running is not None and running[0].compiling
 
     def poll(self) -> Preparation | None:
         """Execute the commands that wait; return the preparation whose run is ready, once, or None."""

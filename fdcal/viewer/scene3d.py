@@ -105,7 +105,7 @@ class Cameras:
     # whether larger type, and the caption of a lesson, need space beside the picture
     lecture: bool = False
     caption: bool = False
-    _pages: dict[int, PageCamera] = field(default_factory=lambda: collections.defaultdict(PageCamera))
+    pages: dict[int, PageCamera] = field(default_factory=lambda: collections.defaultdict(PageCamera))  # by client
     # that wait for the main loop
     requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = field(
         default_factory=collections.deque
@@ -126,7 +126,7 @@ class Cameras:
 
     def show_face(self, client: viser.ClientHandle, face: str) -> None:
         """Adapt the camera to a page that shows the panels, "expert", or the bar; on viser's event loop."""
-        self._pages[client.client_id].expert = face == "expert"
+        self.pages[client.client_id].expert = face == "expert"
         self.request(client)
 
     def process_requests(self, clients) -> None:
@@ -147,7 +147,7 @@ class Cameras:
         kept = {}
         for number, client in self._server.get_clients().items():
             with self._guarded(client):
-                camera, page = client.camera, self._pages[number]
+                camera, page = client.camera, self.pages[number]
                 if page.camera is None or is_at(camera, page.camera):
                     kept[number] = page.view or page.camera or ""
                     continue
@@ -174,7 +174,7 @@ class Cameras:
         impossible camera keeps it, and does not affect the others.
         """
         with self._guarded(client):
-            camera, page = client.camera, self._pages[client.client_id]
+            camera, page = client.camera, self.pages[client.client_id]
             name, wanted = ("", view) if isinstance(view, Camera) else (view, None)
             fitted = self._fitted(page, camera, name)
             if wanted is None:
@@ -200,7 +200,7 @@ class Cameras:
             yield
         except Exception:
             log.debug("a page reports an impossible camera", exc_info=True)
-            self.forget(client)
+            self.pages.pop(client.client_id, None)
 
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
         """Place the camera again if the size of the canvas has changed and the user has not moved the camera.
@@ -211,7 +211,7 @@ class Cameras:
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
         with self._guarded(client):
-            page, camera = self._pages[client.client_id], client.camera
+            page, camera = self.pages[client.client_id], client.camera
             if page.camera is None:
                 self.place(client, page.view)
             elif self._fitted(page, camera, page.view) != page.fitted or not is_at(camera, page.camera):
@@ -225,14 +225,10 @@ class Cameras:
     def follow_all(self, clients) -> None:
         """`follow` all pages, whose canvas may have changed without a report; the main loop calls this regularly."""
         for client in clients:
-            page = self._pages[client.client_id]
+            page = self.pages[client.client_id]
             if page.camera is not None:
                 page.checks += 1
                 self.follow(client, CHECKS.index(page.checks) if page.checks in CHECKS else None)
-
-    def forget(self, client: viser.ClientHandle) -> None:
-        """Forget a page that has closed."""
-        self._pages.pop(client.client_id, None)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
         """Set the camera of a page that opens, until its size is known, to `view` of a picture.

@@ -12,7 +12,7 @@ it differs from what the browsers have.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partialmethod
 from typing import Annotated, Any, TypeVar
 
@@ -30,14 +30,14 @@ from ..session.session import SessionView
 from ..session.sources import OpenRequest
 from ..session.worker import Memo, Scheduler
 from .cost_maps import CostMap, CostMapRequest, MapStyle, map_modes
-from .html import whole
+from .html import of_browsers, whole
 from .prepare import DisplayFrame, PreparedRun
 
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
 # Choices that another scene keeps.
-KEPT = "trails ellipses lecture export_kind export_view export_size rate themed dark".split()
+KEPT = "log minima trails ellipses lecture export_kind export_view export_size rate themed dark".split()
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,6 @@ class Choices(MapStyle):
     marks: tuple[int, ...] = ()
 
     @property
-    def style(self) -> MapStyle:
-        """How a map is drawn."""
-        return MapStyle(**{one.name: getattr(self, one.name) for one in fields(MapStyle)})
-
-    @property
     def map_order(self) -> int | None:
         """The number that is added to ceil(k R) in the map; None for the cost of the method, which has no volume."""
         return None if self.objective and not self.volume else self.order_offset
@@ -91,7 +86,8 @@ class Choices(MapStyle):
             positions[microphone, 2] = np.clip(positions[microphone, 2], low, high)
             state = replace(state, positions=positions)
         modes, custom = map_modes(run, state, self.modes, order), self.modes is not None
-        return CostMapRequest(revision, microphone, modes, order, custom, self.style, follow, state, view.lineage)
+        style = MapStyle(self.kind, self.log, self.minima, self.in_space)
+        return CostMapRequest(revision, microphone, modes, order, custom, style, follow, state, view.lineage)
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
@@ -114,8 +110,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=seed, themed=themed)
     if before is not None:
         kind = "flat" if before.kind in ("shape", "none") else before.kind
-        kept = {name: getattr(before, name) for name in KEPT} | vars(before.style) | {"kind": kind}
-        choices = replace(choices, **kept)
+        choices = replace(choices, kind=kind, **{name: getattr(before, name) for name in KEPT})
     kinds: dict[str, Any] = {name: bool for name in SWITCHES} | {
         "kind": Map,
         "microphone": Annotated[int, within(0, measurement.count - 1)],
@@ -258,12 +253,9 @@ class Binding:
                     raise
             self._wake()
 
-        async def respond(event) -> None:
-            if event.client is not None:
-                answer(event.client, event.target.value)
-
         if command:
             self.commands[command] = handle, answer
+        respond = of_browsers(lambda event: answer(event.client, event.target.value))
         if isinstance(handle, Buttons):
             handle.on_click(respond)
         else:

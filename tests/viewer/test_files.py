@@ -223,8 +223,8 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     kept = initial_choices(
         dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
     )
-    assert kept.style.volume, "as it was saved"
-    assert not initial_choices(work, 5, choices).style.volume, "another array gets none that it cannot have"
+    assert kept.volume, "as it was saved"
+    assert not initial_choices(work, 5, choices).volume, "another array gets none that it cannot have"
     wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
     with pytest.raises(InputError, match="order_offset"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)

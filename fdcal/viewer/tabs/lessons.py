@@ -269,12 +269,9 @@ class LessonsTab:
         viewer, self._before = self._page.viewer, self._before or self._returning
         if viewer is not None and self.progress.lesson is None and self._before is None:
             viewer.run.session.pause()
-            values, cameras = (
-                {name: handle.value for name, handle in controls_of(viewer).items()},
-                self._page.nodes.cameras,
-            )
-            own = viewer.run, viewer.run.session.view, viewer.binding.choices, values, cameras.kept_views()
-            self._before = PageBefore(*own)
+            values = {name: handle.value for name, handle in controls_of(viewer).items()}
+            run, choices, views = viewer.run, viewer.binding.choices, self._page.nodes.cameras.kept_views()
+            self._before = PageBefore(run, run.session.view, choices, values, views)
         self._returning = None
         self.progress = LessonProgress(lesson, at)
         self._set_up(True, then)
@@ -285,17 +282,12 @@ class LessonsTab:
         self.leave()
         if before is None or viewer is None:
             return
-
-        def put_back(shown: Viewer) -> None:
-            self._returning = None
-            before.put_back(shown, self._page.nodes.cameras)
-
-        idle, opening = self._page.switcher.idle, viewer.binding.run.opening
+        idle, opening, cameras = self._page.switcher.idle, viewer.binding.run.opening, self._page.nodes.cameras
         if idle and viewer.binding.run is before.run:
-            put_back(viewer)
+            before.put_back(viewer, cameras)
         elif not idle or any(opening is request for request in requests):
-            self._returning = before
-            self._open(before.run.request_of(before.view, before.choices.to_save()), put_back)
+            self._returning, own = before, before.run.request_of(before.view, before.choices.to_save())
+            self._open(own, lambda shown: before.put_back(shown, cameras))
 
     def leave(self) -> None:
         """End the lesson without restoring the page, because the user has opened something else."""
@@ -382,10 +374,8 @@ class LessonsTab:
         def then(shown: Viewer | None) -> None:
             if self._pending is not request:
                 return
-            self._pending = None
-            if shown is None:  # the scene was refused or cancelled, or the user has opened another one
-                self._returning = None
-            else:
+            self._pending = self._returning = None
+            if shown is not None:  # the scene was not refused or cancelled, and the user has opened no other one
                 with self._guarded():
                     act(shown)
 
