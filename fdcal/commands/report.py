@@ -4,8 +4,6 @@
 inverted and dead channels. The comparison with a list of positions shows exchanged channels.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..assessment import words
@@ -46,7 +44,7 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     if _size_is_open(inputs, result):  # scaled about their centre to the size of the list
         centre = positions.mean(axis=0)
         positions = centre + size_ratio(positions, listed) * (positions - centre)
-    return compare_positions(positions, listed, _frame(inputs))
+    return compare_positions(positions, listed, inputs.given)
 
 
 UNITS_APART = 2.0  # ratio of sizes from which a list counts as one in another unit, with any verdict
@@ -62,17 +60,12 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
     """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
     names = inputs.labels or inputs.measurement.names
-    lines = words.comparison_sentences(check, names, result.verdict, len(_frame(inputs)) > 0, OPTIONS, fit)
+    lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
     if _size_is_open(inputs, result):
         lines.append(
             f"the size of the array found is not to be trusted ({result.verdict}): it is compared in that of the list"
         )
     return "\n".join(lines)
-
-
-def _frame(inputs: CalibrationInput) -> Sequence[int]:
-    """Return the numbers of the known microphones that fix the axes."""
-    return inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
 
 
 def error_title(measurement: Measurement, result: Calibration) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from ..cost.scale import DECADES, LEAST_RANGE, Minima
 from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search
-from ..model.validation import InputError, frozen_array
+from ..model.validation import frozen_array
 from .glyphs import grid_faces
 from .marks import mesh
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Curve, Floor, Mesh, Theme, mixed
@@ -158,8 +158,7 @@ def wave_floor(
     """
     from ..cost.maps import minima_of, mode_shape, refined  # loads SciPy, which a map of costs does not need
 
-    if problem.search is None:
-        raise InputError("the shape of a mode needs a search domain", "give <search> and <radius>", key="search")
+    assert problem.search is not None  # otherwise the page requests no map
     lattice = refined(problem.search, WAVE_POINTS)
     fields, levels = zip(
         *(mode_shape(problem, positions, mode, order_offset, channels, n, lattice) for mode, _ in waves), strict=True

@@ -19,14 +19,13 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..model.libraries import ProcessError, call
-from ..model.validation import InputError, StorageError, require_choice
-from .camera import VIEWS, Camera, camera_for, project
+from ..model.validation import StorageError
+from .camera import Camera, camera_for, project
 from .heatmap import relief_grid
 from .marks import MARKS, Mark, symbol
 from .picture import HEIGHT_TICKS
 from .primitives import ColourBar, Label, Picture, by_rank, fractions
 
-MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
 VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install -U fdcal"
 MISFIT = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # of libraries that do not fit
@@ -35,12 +34,6 @@ TIMEOUT = 120.0  # s
 
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:
     """Return the bytes of the PNG, drawn by a child process; StorageError without a GL library of a fitting version."""
-    if len(size) != 2 or not all(MIN_EDGE <= length <= MAX_EDGE for length in size):
-        text = "x".join(str(length) for length in size)
-        problem = f"size = {text} pixels is not usable"
-        remedy = f"give <size> as two lengths from {MIN_EDGE} to {MAX_EDGE}, as in 1280x800"
-        raise InputError(problem, remedy, key="size")
-    require_choice("view", view, VIEWS)
     try:
         return call(drawn_png, picture, tuple(size), view, seconds=TIMEOUT)
     except ProcessError as error:

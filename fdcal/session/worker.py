@@ -110,12 +110,11 @@ class LatestWorker:
                 self._lane.thread.start()
             self._lane.changed.notify_all()
 
-    def newest(self, *arguments) -> Delivery | None:
-        """Request the computation, unless it is the one requested last; return the newest delivery so far."""
+    def newest(self, *arguments) -> None:
+        """Request the computation, unless it is the one requested last."""
         if arguments != self.requested:
             self.requested = arguments
             self.request(*arguments)
-        return self.latest
 
     def wants(self, *arguments) -> bool:
         """Return whether the result of a request is still wanted; a long computation checks this between its parts."""

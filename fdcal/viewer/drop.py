@@ -235,7 +235,7 @@ class Drop:
             found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
         cost, search, basins = found
         path = descent_path(cost, search, basins, np.asarray(drag.place)[: cost.ndim])
-        truth = run.drawn_truth(request.state.positions)
+        truth = run.measurement.positions
         if truth is None or run.measurement.nominal:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])

@@ -64,15 +64,6 @@ class PreparedRun:
         scene, seed = replace(self.scene, solver=view.state.settings), view.state.seed
         return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices)
 
-    @property
-    def anchor(self) -> Reals | None:
-        """The true positions (N, D), metres, onto which the page moves each state; None if states are not moved."""
-        return self.measurement.positions if self.measurement.blind else None
-
-    def drawn_truth(self, positions: Any) -> Reals | None:
-        """Return the true positions as the page draws them beside `positions`; None if they are unknown."""
-        return self.measurement.aligned_truth(positions) if self.anchor is None else self.anchor
-
 
 ROUNDS = 100  # at most, until a placed microphone is drawn where it was placed
 NEGLIGIBLE = 1e-12  # m
@@ -89,7 +80,8 @@ class DisplayFrame:
     """
 
     def __init__(self, run: PreparedRun):
-        self._anchor = run.anchor
+        # the true positions (N, D), metres, onto which each state is moved; None if states are not moved
+        self._anchor = run.measurement.positions if run.measurement.blind else None
         self.by = np.arange(run.measurement.count)
         self._moved = Memo()
 

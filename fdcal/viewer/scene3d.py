@@ -78,6 +78,7 @@ log = logging.getLogger(__name__)
 TOP_FOV = 0.02  # rad, of the top view, which is so far away that a relief is drawn over its axes, as on a plan
 CHECKS = (1, 2, 4, 8, 16)  # numbers of the checks at which the page is made to report the size of its canvas again
 VISER_START = (3.0, 3.0, 3.0)  # metres, position of viser's own camera, before a page gets ours
+USUAL_CANVAS = (680, 720)  # pixels, width and height until a page has reported its own
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
 MARGINS = (76, 234, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
@@ -230,14 +231,11 @@ class Cameras:
                 page.checks += 1
                 self.follow(client, CHECKS.index(page.checks) if page.checks in CHECKS else None)
 
-    def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
-        """Set the camera of a page that opens, until its size is known, to `view` of a picture.
-
-        `size`: width and height that are assumed, pixels.
-        """
+    def set_initial(self, picture: Picture) -> None:
+        """Set the camera of a page that opens, until the size of its canvas is known, to `view` of a picture."""
         fov = TOP_FOV if self.view == "top" else None
         first = self._server.initial_camera
-        wanted = camera_for(picture, size, self.view, MARGINS, fov=fov)
+        wanted = camera_for(picture, USUAL_CANVAS, self.view, MARGINS, fov=fov)
         first.near, first.far = planes(wanted)
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 

@@ -123,7 +123,7 @@ class SessionPicture:
         relief = None if floor is None or floor.heights is None else floor  # on which the true microphones stand
         look = choices.dark, relief, choices.lecture
         static = self._static(lambda: pictures.static_picture(scene, measurement, *look), *look)
-        truth = self._run.drawn_truth(positions)
+        truth = measurement.positions  # onto which a blind array is moved
         picture = pictures.with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
         picture = pictures.with_volume(pictures.with_floor(picture, floor), volume)
         if moving is not None and moving.microphone == microphone:

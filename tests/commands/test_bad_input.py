@@ -36,6 +36,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
             ['"16" is not the name', "--microphone", "0 to 15"],
         ),
         (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
+        (["snapshot", "tiny", "--size", "100x1000000", "-o", "f.png"], ["'--size'", "100x1000000", "64 to 8192"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
         (["calibrate", "tiny", "--solver", "joint", "--gains", "fixed"], ["--solver robust"]),
         (["calibrate", "tiny", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], ["--gains auto"]),

@@ -22,6 +22,7 @@ import http
 import io
 import ipaddress
 import logging
+import math
 import re
 import socket
 import time
@@ -80,9 +81,7 @@ class RepeatFilter(logging.Filter):
 class GuardedConnection(ServerConnection):
     """A connection of websockets that passes on what `client_values` accepts, at a bounded rate."""
 
-    def __init__(self, *arguments, **options):
-        super().__init__(*arguments, **options)
-        self._left, self._since, self._waited = BURST, time.monotonic(), 0.0  # updates, and times, s
+    _left, _since, _waited = BURST, -math.inf, 0.0  # updates that are left, and times, s
 
     async def recv(self, decode: bool | None = None):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
@@ -319,14 +318,12 @@ class LoopEvent(asyncio.Event):
     never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop):
-        super().__init__()
-        self._own = loop
+    own: asyncio.AbstractEventLoop
 
     def set(self) -> None:
         """Set the event if the caller runs on its event loop, else do nothing."""
         with contextlib.suppress(RuntimeError):  # no event loop runs on this thread
-            if asyncio.get_running_loop() is self._own:
+            if asyncio.get_running_loop() is self.own:
                 super().set()
 
 
@@ -335,7 +332,8 @@ class SafeMessageBuffer(AsyncMessageBuffer):
 
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
-        self.message_event = LoopEvent(self.event_loop)
+        self.message_event = event = LoopEvent()
+        event.own = self.event_loop
 
 
 LEVEL = 1  # of compression, 0 to 9

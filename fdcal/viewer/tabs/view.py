@@ -90,7 +90,7 @@ def _picture(snapshot: PageState) -> bytes:
 def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
     positions = snapshot.view.state.positions
-    truth = snapshot.run.drawn_truth(positions)
+    truth = measurement.positions
     request = snapshot.map_request
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     drawn = {"truth": None if truth is None else truth[n][:2], "estimate": positions[n][:2], "heading": heading}
