@@ -81,8 +81,8 @@ def trail(problem: Problem, settings: SolverSettings, seed: int, progress: Calla
     seen = [None if field is None else _digest(np.asarray(field)) for field in fields]
     search = None if problem.search is None else asdict(problem.search)
     relevant = asdict(settings)
-    ignores = load(settings.name).TRAITS.ignores
-    relevant = {key: value for key, value in relevant.items() if key == "name" or not ignores(key)}
+    used = load(settings.name).TRAITS.settings
+    relevant = {key: value for key, value in relevant.items() if key == "name" or key in used}
     parts = [seen, search, relevant, seed, code_version().source]
 
     def make() -> dict[str, np.ndarray]:

@@ -180,7 +180,7 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
     """
     origin, last = np.asarray(search.origin[: cost.ndim]), np.array(cost.shape) - 1
     here = np.clip(((np.asarray(place, float)[: cost.ndim] - origin) / search.step)[::-1], 0.0, last)  # as indices
-    own = basins.labels[_nearest(here)]
+    own = basins.labels[tuple(np.rint(here).astype(int))]
     slopes = np.gradient(cost)
 
     def height(at: Reals) -> float:
@@ -194,7 +194,7 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
         while length > 0 and stride > SHORTEST:
             there = np.clip(at - stride * slope / length, 0.0, last)
             lower = height(there)
-            if lower < level and basins.labels[_nearest(there)] == own:
+            if lower < level and basins.labels[tuple(np.rint(there).astype(int))] == own:
                 return there, lower
             stride /= 2
         lower = np.argwhere((basins.labels == own) & (cost < level))  # at a shallow minimum: the nearest lower point
@@ -209,7 +209,3 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
         points.append(step[0])
         costs.append(step[1])
     return DescentPath(origin + search.step * np.array(points)[:, ::-1], np.array(costs), int(own))
-
-
-def _nearest(place: Reals) -> tuple[int, ...]:
-    return tuple(np.rint(place).astype(int))

@@ -204,24 +204,20 @@ def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
     formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
     formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
+    row = "row" if len(np.unique(problem.takes)) > 1 else "mode"
     return (
-        f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
+        f"{row} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
         f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"
         f" {formula} = {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
     )
-
-
-def _row(problem: Problem) -> str:
-    """Return the word for a row of the pressures: "mode", or "row" if there are several takes."""
-    return "row" if len(np.unique(problem.takes)) > 1 else "mode"
 
 
 def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
     """Raise InputError if the microphones cannot carry one of `modes`, counted from 1, at its order."""
     carried = carried_modes(problem, order_offset).modes + 1
     if lacking := sorted(set(modes) - set(carried.tolist())):
-        remedy = f"use a lower order or lower {_row(problem)}s"
-        raise InputError(_not_carried(problem, lacking[0], order_offset), remedy, key="order_offset")
+        fault = _not_carried(problem, lacking[0], order_offset)
+        raise InputError(fault, f"use a lower order or lower {fault.split()[0]}s", key="order_offset")
 
 
 def require_plane_field(problem: Problem) -> None:
@@ -251,7 +247,14 @@ class FieldExpansion:
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
         radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)
-        l, angular = self._angular(TABLE_RADIUS * offsets, order)  # noqa: E741
+        offsets = TABLE_RADIUS * offsets
+        if self._dimension == 2:  # l: degree of each column (K,); angular: (C, K)
+            across, l = offsets[:, 0] + 1j * offsets[:, 1], np.abs(np.arange(-order, order + 1))  # noqa: E741
+            powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
+            angular = np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
+        else:
+            l, distance, Y = harmonics(offsets, order)  # noqa: E741
+            angular = distance[:, None] ** l * Y
         return radial[:, :, l] * angular
 
     def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
@@ -260,22 +263,19 @@ class FieldExpansion:
         if squared.max(initial=0.0) > 1.0:
             return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
         everyone = np.flatnonzero(self.carried.orders == order)
-        if order not in self._tables:
-            self._tables[order] = self._series(self._k[everyone] * self._radius, order)
+        if order not in self._tables:  # the Chebyshev coefficients of g_l : (terms, B, L + 1)
+            t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
+            values = self._functions(np.sqrt((1 + t) / 2), self._k[everyone] * self._radius, order)
+            weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
+            weights[0] /= 2
+            series = np.tensordot(weights, values, axes=1)
+            largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
+            kept = int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1
+            self._tables[order] = np.ascontiguousarray(series[:kept])
         table = self._tables[order][:, np.searchsorted(everyone, group)]
         powers = chebvander(2 * squared - 1, len(table) - 1)
         values = (powers @ table.reshape(len(table), -1).view(float)).view(complex)
         return np.moveaxis(values.reshape(len(squared), len(group), order + 1), 0, 1)
-
-    def _series(self, k: np.ndarray, order: int) -> np.ndarray:
-        """Return the Chebyshev coefficients of g_l for wavenumbers `k`, times the radius : (terms, B, L + 1)."""
-        t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
-        values = self._functions(np.sqrt((1 + t) / 2), k, order)
-        weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
-        weights[0] /= 2
-        series = np.tensordot(weights, values, axes=1)
-        largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
-        return np.ascontiguousarray(series[: int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1])
 
     def _functions(self, r: np.ndarray, k: np.ndarray, order: int) -> np.ndarray:
         """Return g_l(k r) : (C, B, L + 1)."""
@@ -283,15 +283,6 @@ class FieldExpansion:
         z = np.multiply.outer(np.maximum(r, 1e-3), k)  # below it g_l is 1 to rounding errors
         J, z = np.moveaxis(bessel(z, order, spherical=self._dimension == 3), 0, -1), z[..., None]
         return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
-
-    def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the degree l of each column (K,), and the angular factor (C, K) of the rows."""
-        if self._dimension == 2:
-            across, l = offsets[:, 0] + 1j * offsets[:, 1], np.arange(-order, order + 1)  # noqa: E741
-            powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
-            return np.abs(l), np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
-        l, distance, Y = harmonics(offsets, order)  # noqa: E741
-        return l, distance[:, None] ** l * Y
 
 
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps

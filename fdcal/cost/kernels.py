@@ -135,25 +135,21 @@ DEGREES = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59, 65, 7
            125, 131)  # fmt: skip
 
 
-def direction_count(dimension: int, order: int) -> int:
-    """Return the number of directions that resolve fields of this order in two or three dimensions."""
-    if dimension == 2:
-        return 2 * order
-    return len(_sphere(next((degree for degree in DEGREES if degree >= 2 * order), DEGREES[-1]))[1])
-
-
 def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, orders: int = DIRECTION_ORDERS) -> int:
     """Return the number of directions that resolve a field over the array, up to `orders` orders beyond ceil(k R).
 
     positions : (N, D), metres; wavenumbers : (M,), rad/m
     """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return direction_count(dimension, int(np.ceil(np.real(wavenumbers).max() * reach)) + orders)
+    order = int(np.ceil(np.real(wavenumbers).max() * reach)) + orders
+    if dimension == 2:
+        return 2 * order
+    return len(_sphere(next((degree for degree in DEGREES if degree >= 2 * order), DEGREES[-1]))[1])
 
 
 @functools.cache
 def wave_directions(dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors (D, Q) and weights (Q,) of sum 1, for a `count` from `direction_count`.
+    """Return unit vectors (D, Q) and weights (Q,) of sum 1, for a `count` from `directions_needed`.
 
     For arrays with k R below the order, kappa(k |x - y|) = sum_q w_q exp(-j k (x - y) . u_q). Directions are equally
     spaced in the plane, and those of Lebedev's rule in space (Lebedev and Laikov, Doklady Mathematics 59, 1999).

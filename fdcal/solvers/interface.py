@@ -206,14 +206,13 @@ class RunState:
 class Traits:
     """Properties of a solver."""
 
+    settings: frozenset[str]  # fields of `SolverSettings` that change what it does
     moves_all: bool  # whether a step moves all free microphones; otherwise one
     needs_search: bool = False  # whether it needs a search domain, whose lattice it searches
     adds_modes: bool = False  # whether it adds modes by itself while it runs
     # values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
     starts: tuple[str, ...] = ()
     draws_order: bool = False  # whether the seed matters beyond a random start
-    # fields of `SolverSettings` that change what it does; None stands for all of them
-    settings: frozenset[str] | None = None
     uses_likelihood: bool = False  # whether it minimises a likelihood: the covariance of all microphones in each mode
 
     @property
@@ -224,10 +223,6 @@ class Traits:
     def uses_seed(self, start: str | None) -> bool:
         """Return whether the seed changes a run from `start`."""
         return self.draws_order or ("random" in self.starts and (start or self.default_start) == "random")
-
-    def ignores(self, key: str) -> bool:
-        """Return whether the field `key` of `SolverSettings` does nothing."""
-        return self.settings is not None and key not in self.settings
 
 
 class Solver(Protocol):

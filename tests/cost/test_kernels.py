@@ -86,7 +86,9 @@ def test_the_directions_needed_resolve_a_diffuse_field_over_the_array(dimension,
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dimension, D, damping):
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
-    u, w = kernels.wave_directions(dimension, kernels.direction_count(dimension, 5))
+    u, w = kernels.wave_directions(
+        dimension, kernels.directions_needed(np.zeros((1, dimension)), np.ones(1), dimension, 5)
+    )
     powers = np.random.default_rng(1).uniform(0.1, 2, (len(K), len(w)))
     W = kernels.plane_waves(x, k, powers, dimension)
     phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))

@@ -23,7 +23,7 @@ from ..starts import require_gauge
 from . import noise, search
 from . import objective as objectives
 from .result import result
-from .schedule import StageEnd, after_search, after_stage, begin
+from .schedule import StageEnd, after_stage, begin, next_restart
 from .stages import begin_stage, moved_once
 from .state import FREE, SEARCH, STAGES, State
 
@@ -68,7 +68,9 @@ def step(problem: Problem, state: State) -> State:
     problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
     if progress.stage == SEARCH:
         searched = search.step(problem, replace(state, step=state.step + 1, sweep=state.sweep + 1))
-        return after_search(problem, searched) if search.is_complete(problem, searched) else searched
+        if not search.is_complete(problem, searched):
+            return searched
+        return next_restart(problem, replace(searched, starts=search.likely(problem, searched)))
     here, used = objectives.unknowns_of(state), objectives.used_modes(problem, state)
     moved, objective, trial = moved_once(problem, state, used)
     directional, healthy = state.model.directional, noise.healthy(state.model)
@@ -76,7 +78,7 @@ def step(problem: Problem, state: State) -> State:
     within_sigmas = learning_in_space and objectives.sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
     ended = within_sigmas or trial.moved < stage.tolerance or trial.decrease < stage.negligible
     if trial.terms is not None:
-        ended = ended and noise.same_spreads(state.model, moved.model) and noise.same_arrivals(state.model, moved.model)
+        ended = ended and noise.same_sigmas(state.model, moved.model)
         if directional:
             ended = ended and progress.steps > 0 and (within_sigmas or state.cost - moved.cost < LEARNED_NATS)
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:

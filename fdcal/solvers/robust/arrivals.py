@@ -84,16 +84,17 @@ class Arrivals:
     ) -> ArrivalTerms:
         """Return the term at positions (N, D) and delays (N,), metres, with derivatives if wanted."""
         (N, D), T = positions.shape, len(self.paths)
-        z = self._padded(positions - positions.mean(axis=0))
+        z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, self.dimension - D)))
         arrived = self.paths * np.exp(log_speed)
         paths = arrived if delays is None else arrived - delays
         source = self._sources(paths, z) if self.start is None else self._fitted(paths, z, self.start)[0]
         r, g, s = self._residuals(paths, z, source)
-        cost = float(np.sum(self._costs(r)) + np.sum(self._count() * np.log(self.sigma / self.stated)))
+        count = np.sum(self.used, axis=1) - (self.dimension + 1.0)
+        cost = float(np.sum(self._costs(r)) + np.sum(count * np.log(self.sigma / self.stated)))
         w = self._weights(r)
         if not derivatives:
             empty = np.zeros((0, 0))
-            return ArrivalTerms(cost, empty, empty, r, w, np.zeros((0, 0, 0)), self._count(), source)
+            return ArrivalTerms(cost, empty, empty, r, w, np.zeros((0, 0, 0)), count, source)
         along = (source.direction[:, None] - source.inverse[:, None, None] * z) / s[..., None]  # dr / dx
         root = np.sqrt(w)
         slopes = np.zeros((T, N, N * D + (0 if delays is None else N) + 1))
@@ -106,14 +107,18 @@ class Arrivals:
         gradient = np.einsum("tn,tnf->tf", root * r, slopes)
         J = self._jacobian(z, source, g, s) * root[..., None]  # the weight is 0 without an arrival
         J[..., -2] *= ~self._at_bound(J[..., -2], root * r, source.inverse)[:, None]
-        Q = _bases(J)
+        U, values, _ = np.linalg.svd(
+            J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300), full_matrices=False
+        )
+        Q = U * (values > 1e-7)[:, None]  # orthonormal bases of the column spaces; columns beyond the rank are 0
         slopes = slopes - Q @ (np.swapaxes(Q, 1, 2) @ slopes)
         flat = slopes.reshape(T * N, -1)
-        return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, self._count(), source)
+        return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, count, source)
 
     def scatter(self, positions: np.ndarray, log_speed: float = 0.0) -> np.ndarray:
         """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
-        paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
+        paths, missing = self.paths * np.exp(log_speed), self.dimension - positions.shape[1]
+        z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, missing)))
         u, b = self._plane_waves(paths, z)
         wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self.median(paths + u @ z.T - b[:, None])))
         for _ in range(2):  # now with curved wave fronts
@@ -121,18 +126,11 @@ class Arrivals:
             wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * self.median(r)))
         return wide.sigma
 
-    def _count(self) -> np.ndarray:
-        """Arrivals of each take beyond the unknowns of its source."""
-        return np.sum(self.used, axis=1) - (self.dimension + 1.0)
-
     def median(self, r: Reals) -> np.ndarray:
         """Median (T,) of the absolute values of (T, N) where there are arrivals."""
         size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
         take = np.arange(len(r))
         return (size[take, (count - 1) // 2] + size[take, count // 2]) / 2
-
-    def _padded(self, z: Reals) -> np.ndarray:
-        return np.pad(z, ((0, 0), (0, self.dimension - z.shape[1])))
 
     def _costs(self, r: Reals) -> np.ndarray:
         return (NU + 1) / 2 * np.log1p(r**2 / (NU * self.sigma[:, None] ** 2)).sum(axis=1)
@@ -266,12 +264,6 @@ def _tangents(u: Reals) -> np.ndarray:
     return reflected
 
 
-def _bases(J: Reals) -> np.ndarray:
-    """Orthonormal bases (T, N, K) of the column spaces of matrices (T, N, K); columns beyond the rank are 0."""
-    U, values, _ = np.linalg.svd(J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300), full_matrices=False)
-    return U * (values > 1e-7)[:, None]
-
-
 def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
     """Return the arrivals of a problem with `sigma` (T,), metres, or the stated sigma; None without enough arrivals."""
     if problem.arrivals is None or problem.arrival_sigma is None:
@@ -306,12 +298,6 @@ def counted(problem: Problem) -> np.ndarray:
 
 
 PRIOR_COUNT = 4.0  # weight of the stated sigma, in arrivals
-
-
-def hyper_cost(arrivals: Arrivals) -> float:
-    """Return -log density of the sigmas in their prior, up to a constant."""
-    ratio = arrivals.sigma / arrivals.stated
-    return float(PRIOR_COUNT * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
 
 
 MIN_SPREAD = 5e-3  # metres, least error that is assumed of the positions before arrivals are used

@@ -18,7 +18,7 @@ from ...model.problem import Problem
 from ...model.validation import Bools, Integers, Reals, frozen_array
 from . import arrivals as direct_sound
 from . import objective as objectives
-from .state import CORNER_SIGMA, DELAY_SIGMA, SUSPICIOUS, Model, State
+from .state import CORNER_SIGMA, DELAY_SIGMA, MIN_NOISE_FRACTION, SUSPICIOUS, Model, State
 
 
 def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:
@@ -47,7 +47,8 @@ def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
 
     rough : whether the position error adds to the noise of each mode; if not, noise alone explains the residual
     """
-    used, floor = objectives.used_modes(problem, state, NOISE_MODES), state.model.min_noise
+    used, model = objectives.used_modes(problem, state, NOISE_MODES), state.model
+    floor = MIN_NOISE_FRACTION["others" if model.damped or model.directional else "isotropic"]
     seen = objectives.corrected(problem, state, used)
     found = estimate_noise(state.positions, seen, objectives.field_of(problem, state, used), floor)
     fraction = found.noise_fraction if rough else found.alone
@@ -57,8 +58,7 @@ def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
     if given is not None and level / BELIEVED < fraction < level * BELIEVED:
         noise = np.maximum(given, floor)
     noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, MAX_NOISE_FRACTION)
-    model = replace(state.model, noise=noise, noise_fraction=fraction, spread=found.spread)
-    return replace(state, model=model)
+    return replace(state, model=replace(model, noise=noise, noise_fraction=fraction, spread=found.spread))
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
@@ -144,7 +144,7 @@ def with_filters(problem: Problem, state: State) -> State:
     free = objective.free(here)
     kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
     try:
-        gradient, matrix = objectives.reduced(here, objective.evaluate(here), free, objective.priors.blind)
+        gradient, matrix = objectives.reduced(here, objective.evaluate(here), free, objective.priors)
         found = [_likeliest_spread(gradient, matrix, kind < 0, kind == c, c) for c in (0, 1)]
     except np.linalg.LinAlgError:
         return state
@@ -175,7 +175,7 @@ def with_arrivals(problem: Problem, state: State) -> State:
 
 def with_arrival_sigma(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
     """Return `state` with the sigma of the arrivals of each take after a step, by empirical Bayes."""
-    arrivals = objectives.state_arrivals(problem, state)
+    arrivals = direct_sound.arrivals_of(problem, state.model.arrival_sigma)
     if arrivals is None or trial.matrix is None or trial.free.ndim != 1:
         return state
     H, index = trial.matrix, objectives.arrival_index(trial.unknowns)
@@ -212,20 +212,17 @@ def _updated_sigma(
 SAME_SPREAD = 0.2
 
 
-def same_spreads(before: Model, after: Model) -> bool:
-    """Return whether the sigmas of gains, phases and filters have hardly changed."""
+def same_sigmas(before: Model, after: Model) -> bool:
+    """Return whether the sigmas of gains, phases, filters and arrivals have hardly changed."""
+    if (before.arrival_sigma is None) != (after.arrival_sigma is None):
+        return False
     pairs = [(before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)]
     for column, least in enumerate(PRIOR_FILTER):
         old, new = ((one.delay_sigma, one.corner_sigma)[column] for one in (before, after))
         pairs.append((max(old, least), max(new, least)))
+    if before.arrival_sigma is not None and after.arrival_sigma is not None:
+        pairs += zip(before.arrival_sigma, after.arrival_sigma, strict=True)
     return all(abs(np.log(new / old)) < SAME_SPREAD for old, new in pairs)
-
-
-def same_arrivals(before: Model, after: Model) -> bool:
-    """Return whether the sigmas of the arrivals have hardly changed."""
-    if before.arrival_sigma is None or after.arrival_sigma is None:
-        return before.arrival_sigma is after.arrival_sigma
-    return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < SAME_SPREAD))
 
 
 def score(problem: Problem, state: State, objective: objectives.Objective, trial: objectives.ChannelStep) -> float:
@@ -246,7 +243,8 @@ def score(problem: Problem, state: State, objective: objectives.Objective, trial
         else:
             cost += np.sum((state.model.filters != 0) * np.log([DELAY_SIGMA, CORNER_SIGMA]))
     if objective.arrivals is not None:
-        cost += direct_sound.hyper_cost(objective.arrivals)
+        ratio = objective.arrivals.sigma / objective.arrivals.stated
+        cost += direct_sound.PRIOR_COUNT * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2)
     if objectives.speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)
@@ -319,7 +317,7 @@ def with_directions(problem: Problem, state: State, used: Integers, updates: int
     if not model.directional:
         return state
     if model.directions is None:
-        k = objectives.field_wavenumbers(problem, state)
+        k = objectives.wavenumbers(problem, state)
         Q = directions_needed(state.positions, k, problem.dimension)
         model = replace(model, directions=np.ones((len(k), Q)))
     learned, seen = np.array(model.directions), objectives.corrected(problem, state, used)

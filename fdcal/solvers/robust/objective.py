@@ -84,15 +84,6 @@ class Unknowns:
         channels = each[:, D:] if self.gains else self.channels
         return replace(self, positions=each[:, :D], channels=channels, log_speed=float(vector[-1]))
 
-    def by_speed(self) -> np.ndarray:
-        """Return the direction (N P,) of the microphones' parameters that has the effect of a higher sound speed."""
-        N, D = self.positions.shape
-        direction = np.zeros((N, D + self.gains * self.channels.shape[1]))
-        direction[:, :D] = self.positions.mean(axis=0) - self.positions
-        if direction.shape[1] > D + 2:
-            direction[:, D + 2], direction[:, D + 3] = -self.channels[:, 2], self.channels[:, 3]
-        return direction.ravel()
-
 
 @dataclass(frozen=True)
 class Priors:
@@ -116,11 +107,6 @@ class Priors:
     def constrained(self) -> np.ndarray:
         """Microphones whose given position is exact : (A,) int64."""
         return self.known if self.known_sigma == 0 else self.known[:0]
-
-    @property
-    def blind(self) -> bool:
-        """Whether no given position fixes the frame of the array."""
-        return not len(self.known)
 
     def of_known(self, positions: Reals) -> tuple[float, np.ndarray, np.ndarray]:
         """Return cost of the given positions' prior, deviations (A, D), metres, and stiffness (A,), 1/m^2."""
@@ -204,14 +190,6 @@ class Objective:
         gradient, matrix = _with_speed(unknowns, free.evaluate(unknowns).terms)
         return gradient / self.tempering, matrix / self.tempering
 
-    def of_rows(self, rows: Integers) -> Objective:
-        """Return the objective of some rows of the pressures, without arrivals."""
-        field, directions = self.field, self.field.directions
-        k, power, noise = field.wavenumbers[rows], field.power[rows], field.noise[rows]
-        directions = None if directions is None else directions[rows]
-        field = replace(field, wavenumbers=k, power=power, noise=noise, directions=directions)
-        return replace(self, pressures=self.pressures[rows], field=field, arrivals=None, windows=None)
-
     def weakened(self) -> Objective:
         """Return the objective with a stronger field, which weakens the prior that the field is isotropic.
 
@@ -253,7 +231,12 @@ class Objective:
 def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarray]:
     """Return gradient (F,) and matrix (F, F) of the likelihood by all unknowns."""
     gradient, curvature = terms.newton()
-    direction = unknowns.by_speed()
+    x, (N, D) = unknowns.positions, unknowns.positions.shape
+    moves = np.zeros((N, D + unknowns.gains * unknowns.channels.shape[1]))  # with the effect of a higher sound speed
+    moves[:, :D] = x.mean(axis=0) - x
+    if unknowns.delays is not None:
+        moves[:, D + 2], moves[:, D + 3] = -unknowns.channels[:, 2], unknowns.channels[:, 3]
+    direction = moves.ravel()
     H = curvature.reshape(direction.size, direction.size)
     across = H @ direction
     matrix = np.block([[H, across[:, None]], [across[None], np.array([[direction @ across]])]])
@@ -398,12 +381,6 @@ def wavenumbers(problem: Problem, state: State) -> np.ndarray:
     return problem.wavenumbers * np.exp(-state.model.log_speed)
 
 
-def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
-    """Return the wavenumbers (M,), rad/m, that the field model uses: complex128 if it is damped, otherwise float64."""
-    k = wavenumbers(problem, state)
-    return k.astype(complex) if state.model.damped else np.real(k)
-
-
 def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndarray:
     """Return the pressures of the modes `used` divided by the responses of the channels."""
     k, filters = np.real(wavenumbers(problem, state)[used]), state.model.filters
@@ -413,10 +390,11 @@ def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndar
 
 def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
     """Return the field model of the modes `used`."""
-    model, k = state.model, field_wavenumbers(problem, state)[used]
+    model, k = state.model, wavenumbers(problem, state)[used]
     about = state.shape if model.damped or model.directional else None
     directions = model.directions[used] if model.directional and model.directions is not None else None
     power, noise = model.power[used], model.noise[used]
+    k = k.astype(complex) if model.damped else np.real(k)
     return FieldModel(k, power, noise, model.channel_noise, problem.dimension, about, directions)
 
 
@@ -429,7 +407,7 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
     spreads = model.delay_sigma, model.corner_sigma
     sigmas, known_sigma = (model.gain_sigma, model.phase_sigma), model.known_sigma
     priors = Priors(*sigmas, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads)
-    arrivals = state_arrivals(problem, state)
+    arrivals = None if model.arrival_sigma is None else arrivals_of(problem, model.arrival_sigma)
     field = field_of(problem, state, used)
     return Objective(
         problem.pressures[used], field, priors, model.log_speed, arrivals, window_term_of(model), model.tempering
@@ -441,13 +419,6 @@ def window_term_of(model: Model) -> WindowTerm | None:
     if model.window_positions is None or model.window_precision is None:
         return None
     return WindowTerm(model.window_positions, model.window_precision)
-
-
-def state_arrivals(problem: Problem, state: State) -> Arrivals | None:
-    """Return the arrivals with the sigma of the state; None while they are not used."""
-    if state.model.arrival_sigma is None:
-        return None
-    return arrivals_of(problem, state.model.arrival_sigma)
 
 
 @dataclass(frozen=True)
@@ -487,7 +458,7 @@ def channel_step(
         return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
     if not len(free):
         return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
-    g, H = reduced(unknowns, here, free, objective.priors.blind)
+    g, H = reduced(unknowns, here, free, objective.priors)
     before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
         before,
@@ -502,18 +473,18 @@ def channel_step(
     return ChannelStep(moved, step.cost, step.decrease, step.damping, step.moved, free, here.terms, H, here.source)
 
 
-def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
+def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient (F,) and the Gauss-Newton matrix (F, F) of the free unknowns.
 
-    Directions that change no likelihood get an artificial stiffness: the rigid motions of a `blind` array, which has no
-    given positions, and a gain, phase or delay that all channels share.
+    Directions that change no likelihood get an artificial stiffness: the rigid motions of an array without given
+    positions, and a gain, phase or delay that all channels share.
     """
     x = unknowns.positions
     N, D = x.shape
     g, H = here.gradient, here.matrix.copy()
     index = np.arange(len(g) - 1).reshape(N, -1)
     diagonal = np.diag(H)[:-1].reshape(N, -1)
-    if blind:
+    if not len(priors.known):
         motions = np.linalg.qr(rigid_motions(x))[0]
         placed = index[:, :D].ravel()
         H[np.ix_(placed, placed)] += np.mean(diagonal[:, :D]) * (motions @ motions.T)
@@ -573,7 +544,7 @@ class Quadratic:
 def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
     """Return the quadratic of an objective; `here` is its evaluation at the unknowns where that is known."""
     evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
-    gradient, matrix = reduced(unknowns, evaluation, free, objective.priors.blind)
+    gradient, matrix = reduced(unknowns, evaluation, free, objective.priors)
     index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)
     coordinates = np.delete(index, objective.priors.constrained, axis=0).ravel()
     return Quadratic(unknowns, free, gradient, scaled_inverse(matrix), coordinates)

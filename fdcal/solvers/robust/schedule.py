@@ -47,11 +47,6 @@ def begin(
     return search.begin(problem, empty) if positions is None else begin_restart(problem, empty, here)
 
 
-def after_search(problem: Problem, state: State) -> State:
-    """Return the first restart after the search for starts."""
-    return next_restart(problem, replace(state, starts=search.likely(problem, state)))
-
-
 def next_restart(problem: Problem, state: State) -> State:
     """Return a restart at the likeliest start that is left, or the last stage; first the search, if there was none."""
     if state.starts is None:

@@ -22,7 +22,7 @@ Where short windows count (`windows`) the likelihood is tempered, and H takes th
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -83,8 +83,12 @@ def _of_data(
     order = np.argsort(problem.takes[objectives.used_modes(problem, state)], kind="stable")
     blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
     gradients, matrices = list[Reals](), list[Reals]()
+    field = objective.field
     for rows in blocks:
-        part = objective.of_rows(rows)
+        k, power, noise_power = field.wavenumbers[rows], field.power[rows], field.noise[rows]
+        directions = None if field.directions is None else field.directions[rows]
+        of_rows = replace(field, wavenumbers=k, power=power, noise=noise_power, directions=directions)
+        part = replace(objective, pressures=objective.pressures[rows], field=of_rows, arrivals=None, windows=None)
         gradients.append(part.likelihood(here)[0][likely.free])
         matrices.append(part.weakened().likelihood(here)[1][index])
     for gradient, matrix in _of_arrivals(here, objective):

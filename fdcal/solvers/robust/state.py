@@ -96,11 +96,6 @@ class Model:
     window_ratio: float = 1.0  # `WindowTerm.disagreement`
     tempering: float = 1.0  # divisor of the cost of the long rows where short windows are used
 
-    @property
-    def min_noise(self) -> float:
-        """The least noise fraction that this model of the field can distinguish from its own misfit."""
-        return MIN_NOISE_FRACTION["others" if self.damped or self.directional else "isotropic"]
-
 
 @dataclass(frozen=True)
 class FittedStart:
