@@ -88,13 +88,6 @@ def until(page, holds):
     return holds()
 
 
-def run_to_the_end(page):
-    """Run the solver as fast as the machine can, until it has converged."""
-    slider(page, "Steps per second").press("End")
-    press(page, "Play")
-    page.get_by_text("Converged").first.wait_for()
-
-
 def begin_anew(page):
     """Take the solver back to its start."""
     press(page, "Restart")

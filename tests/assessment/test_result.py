@@ -9,7 +9,6 @@ import math
 import os
 import re
 from dataclasses import fields, replace
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,7 +21,7 @@ from scipy.spatial.distance import pdist
 from fdcal import Calibration
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, placed_in_frame
 from fdcal.assessment.result_file import load_result, position_table, save_result
-from fdcal.assessment.words import error_line, state_error_words
+from fdcal.assessment.words import error_line
 from fdcal.graphics.picture import VISIBLE, ellipse_scale
 from fdcal.model.gauge import FRAMES, align, in_frame
 from fdcal.model.measurement import Measurement
@@ -341,12 +340,3 @@ def test_the_enlargement_is_round_and_makes_ellipses_visible(half_axis):
     assert factor * half_axis >= VISIBLE * 0.999
     assert factor == 1 or factor * half_axis < 2.5 * VISIBLE
     assert f"{factor:.0e}"[0] in "125"
-
-
-@pytest.mark.parametrize(
-    ("errors", "words"),
-    [([0.0], "0 mm off"), ([8e-6], "less than 0.01 mm off"), ([1e-3, 3e-3], "2 mm off on average"), (None, "")],
-)
-def test_an_error_has_no_more_digits_than_anybody_needs(errors, words):
-    measurement = SimpleNamespace(nominal=False)
-    assert state_error_words(measurement, errors if errors is None else np.array(errors)) == words

@@ -57,14 +57,12 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
 
 def test_the_cost_is_that_of_the_page(calibrated, made):
     """Eq. 7 over all modes in decibels, whatever the solver minimises."""
-    measurement = load_measurement(made / "tiny.npz")
-    cost = ReferenceCost(measurement.problem())
-    for solver in ("joint", "robust"):
-        out, result = calibrated("--solver", solver)
-        shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])
-        gains = 10 ** (np.array(result["channel_gain_db"]) / 20) * np.exp(1j * np.radians(result["channel_phase_deg"]))
-        channels = ChannelCorrection(gains, 10 ** (np.array(result["channel_noise_db"]) / 10))
-        assert shown == pytest.approx(cost(np.array(result["positions"]), channels), abs=0.2)
+    cost = ReferenceCost(load_measurement(made / "tiny.npz").problem())
+    out, result = calibrated()
+    shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])
+    gains = 10 ** (np.array(result["channel_gain_db"]) / 20) * np.exp(1j * np.radians(result["channel_phase_deg"]))
+    channels = ChannelCorrection(gains, 10 ** (np.array(result["channel_noise_db"]) / 10))
+    assert shown == pytest.approx(cost(np.array(result["positions"]), channels), abs=0.2)
 
 
 @pytest.mark.parametrize(("known", "aligned"), [("minimal", False), ("none", True)])
@@ -112,12 +110,9 @@ def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, re
         assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 5, colour
 
 
-def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, one_painter):
-    scene, size = tmp_path / "ball.toml", ["--size", "400x300"]
+def test_the_cost_of_an_array_in_space_is_written(tmp_path):
+    scene = tmp_path / "ball.toml"
     scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
-    done("snapshot", scene, "--microphone", 10, *size, "-o", "ball.png", folder=tmp_path)
-    image = np.asarray(Image.open(tmp_path / "ball.png"), int)
-    assert image.shape[:2] == (300, 400) and image[..., :3].std() > 10
     printed = done("landscape", scene, "--microphone", 10, "-o", "ball.vti", folder=tmp_path)
     assert "least cost" in printed and 'Name="cost_dB"' in (tmp_path / "ball.vti").read_text()
 

@@ -55,6 +55,7 @@ def test_the_site_is_complete_small_and_needs_no_network(site):
     for path in site.iterdir():
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|url\(", text), path.name
+        assert path.name == "index.html" or "default-src 'none'" in dict(Reader(text).given)["content"]
         links = [value for key, value in Reader(text).given if key in ("href", "src") and not value.startswith("data:")]
         assert all(link.startswith("#") or link.partition("#")[0] in PAGES for link in links), path.name
         assert links or path.name != "index.html"

@@ -71,6 +71,7 @@ def test_what_has_no_map_is_refused(waves):
     refuses("search", lambda: cost.eq7_maps(replace(problem, search=None), x, 5, (1,), 2))
     refuses("order", cost.eq7_maps, PLANE, GUESS, 9, (14,), 12)
     refuses("in a plane", lambda: cost.cost_volume(*case("plane3d"), 10, (1, 2), 2))
+    refuses("two-dimensional field.*on the page", lambda: cost.landscape_panels(*case("plane3d"), 5, [1, 2], 2))
     refuses("two-dimensional", lambda: cost.mode_shape(replace(waves, search=None), np.zeros((24, 2)), 1, 2))
     displaced = np.where(np.arange(24)[:, None] == 3, np.nan, ROUGH)
     with pytest.raises(np.linalg.LinAlgError, match="finite"):

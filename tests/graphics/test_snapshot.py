@@ -10,7 +10,7 @@ from PIL import Image
 from fdcal.graphics import snapshot
 from fdcal.graphics.camera import project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.marks import ESTIMATE, KNOWN, Layer, layer_height
+from fdcal.graphics.marks import ESTIMATE, Layer, layer_height
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
@@ -107,20 +107,6 @@ def test_the_whole_search_domain_is_in_the_image(name, view, size):
     pixels = pixels_of(compose(scene, measurement), size, view, np.column_stack([corners, heights]))
     assert (pixels >= 0).all() and (pixels <= size).all()
     assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "it fills a good part of the image"
-
-
-@pytest.mark.parametrize("view", VIEWS)
-def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(painted, view):
-    scene = load_scene("ball3d")
-    places = np.array([[1.6, 1.3, 0.9], [2.2, 1.3, 1.2], [1.9, 1.9, 1.4], [1.6, 1.75, 1.7], [2.25, 1.8, 1.0]])
-    measurement = Measurement(
-        np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
-    )
-    picture = compose(scene, measurement)
-    image = painted(picture, SIZE, view)
-    above = places[:4] + [0, 0, layer_height(Layer.KNOWN, picture.marker_radius)]
-    for pixel in pixels_of(picture, SIZE, view, above):
-        assert nearest(image, pixel, KNOWN, reach=0) < 10
 
 
 @pytest.mark.parametrize("dark", [False, True])

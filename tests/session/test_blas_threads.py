@@ -1,7 +1,7 @@
 """BLAS has one thread while fdcal computes and as many as before afterwards; importing fdcal changes nothing."""
 
 import os
-import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from running import exit_code
@@ -27,21 +27,12 @@ def test_the_last_of_several_computations_takes_it_back_also_after_an_error(two_
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         raise ZeroDivisionError
     assert set(threads()) == {2}
-    started, end = threading.Event(), threading.Event()
-
-    def other():
-        with one_blas_thread():
-            started.set()
-            end.wait(30)
-
-    thread = threading.Thread(target=other)
-    with one_blas_thread():
-        thread.start()
-        assert started.wait(30)
-    assert set(threads()) == {1}  # the other one still computes
-    end.set()
-    thread.join()
-    assert set(threads()) == {2}
+    with ThreadPoolExecutor(1) as other, one_blas_thread() as own:
+        computing = one_blas_thread()
+        other.submit(computing.__enter__).result()
+        other.submit(computing.__exit__, None, None, None).result()
+        assert set(threads()) == {1}, "one of them still computes"
+    assert set(threads()) == {2} and own is None
 
 
 def test_a_calibration_has_one_thread_and_takes_it_back_and_so_does_a_command(two_threads):

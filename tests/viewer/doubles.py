@@ -11,7 +11,7 @@ from browsing import WAIT
 
 from benchmarks.protocol import CAMERA, connect, messages, send
 from fdcal import solvers
-from fdcal.assessment.calibration import Evidence
+from fdcal.assessment.calibration import Channels, Evidence
 from fdcal.session.calibration_run import Assessment
 from fdcal.session.session import SessionView
 from fdcal.viewer.server.client_values import fits, is_plain
@@ -64,7 +64,7 @@ class State:
 def assessment(verdict, text, **changes) -> Assessment:
     """What the page receives at the end of a run with three microphones, the first one known."""
     covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
-    numbers = dict(covariance=covariance, evidence=Evidence(1.0))
+    numbers = dict(covariance=covariance, evidence=Evidence(1.0), channels=Channels(*np.zeros((5, 3))))
     return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
 
 

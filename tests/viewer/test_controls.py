@@ -4,7 +4,6 @@ import dataclasses
 import typing
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from doubles import State, finish, set_by_client, view_of
 from viser import _messages
@@ -16,7 +15,6 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
-from fdcal.viewer.explore import NEEDED, NEW_RUN
 from fdcal.viewer.panels import KEYS, Panels, Tabs, add_keys, help_html
 from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import map
@@ -303,18 +301,6 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
     set_by_client(viewer.tabs.run_bar.run, True)
     turn_until(lambda: label() and "log-likelihood" in label())
-
-
-def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny_page):
-    page, turn_until = tiny_page
-    bar, tabs = page.panels.overlay._regions["bar"], page.viewer.tabs
-    turn_until(lambda: "Start of a new run, " in bar.content)
-    assert bar.content.count(f"title='{NEW_RUN}'") == 1
-    tabs.solver.name.options = ("robust",)
-    turn_until(lambda: "One at a time (not for this array)" in bar.content)
-    blind = dataclasses.replace(page.viewer.run.problem, known=[], known_positions=np.zeros((0, 2)))
-    page.viewer.run = dataclasses.replace(page.viewer.run, problem=blind)
-    turn_until(lambda: f"One at a time ({NEEDED})" in bar.content)
 
 
 def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):

@@ -109,27 +109,6 @@ def drawn(snapshot, threads):
     return first(CostMapWorker(snapshot.run, threads), snapshot.map_request, True)
 
 
-def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, threads):
-    """The lattice is wider than the likelihood: at the end of a run an interpolated cost is many nats too high."""
-    solver, problem, scene = solvers.load("robust"), snapshot.run.problem, snapshot.run.scene
-    *_, end = solvers.run(problem, dataclasses.replace(scene.solver, name="robust"), 0)
-    modes = tuple(range(1, len(problem.frequencies[end.modes]) + 1))
-    for away, said in ((0.0, "the estimate is at the lowest point of the map"), (0.3, "re the highest of the map")):
-        positions = np.array(end.positions)
-        positions[MICROPHONE] += away
-        view = view_of([dataclasses.replace(end, positions=positions)])
-        run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
-        page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
-        assert said in caption(run, first(CostMapWorker(run, threads), page.map_request, False))
-
-
-def test_the_caption_counts_the_modes_in_use_that_the_map_leaves_out(snapshot, drawn):
-    state = drawn.request.state
-    request = dataclasses.replace(drawn.request, order_offset=0, custom_modes=False, modes=(1, 2, 3))
-    said = caption(snapshot.run, dataclasses.replace(drawn, request=request))
-    assert f"3 of the {state.last - state.first + 1} modes that the solver uses" in said
-
-
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
     monkeypatch.setattr(exports, "call", libraries.call)  # that of the tests, which starts no process
     state, measurement = snapshot.view.state, snapshot.run.measurement

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from fdcal.assessment.result_file import position_table
-from fdcal.assessment.words import count_label, modes_label, row_label
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.snapshot import legend_of
@@ -109,13 +108,6 @@ def takes(measurement):
     each = [dataclasses.replace(measurement, spectrum=spectrum) for spectrum in spectra]
     each[1] = dataclasses.replace(each[1], pressures=1j * each[1].pressures[::-1])
     return Measurement.from_takes(each)
-
-
-def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement):
-    assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
-    assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
-    assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
-    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
 
 
 def test_every_place_of_the_source_is_drawn_with_its_take(takes):

@@ -2,20 +2,16 @@
 
 import dataclasses
 import time
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, eq7_maps, refined
-from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.picture import static_picture, with_floor
 from fdcal.graphics.primitives import DIVERGING_COLOUR_MAP
 from fdcal.viewer.cost_maps import map_modes
-from fdcal.viewer.session_view import RUN_INTERVAL, Viewer
+from fdcal.viewer.session_view import RUN_INTERVAL
 from fdcal.viewer.tabs import map as sweeping
 from fdcal.viewer.tabs.map import LABELS
 
@@ -31,15 +27,6 @@ def mapped(viewer):
 def shown(viewer):
     floor, search = viewer.snapshot.picture.floor, viewer.run.measurement.search
     return None if floor is None else round((floor.lowest[0][0] - search.origin[0]) / search.step)
-
-
-@pytest.mark.parametrize(("range_db", "words"), [(0.1, "almost level"), (3.0, "Where the map is dark")])
-def test_the_hint_says_that_a_map_that_is_all_but_level_decides_nothing(range_db, words, work):
-    search = work.problem.search
-    cost = 10 ** (np.linspace(-14 - range_db, -14, np.prod(search.shape)).reshape(search.shape[::-1]) / 10)
-    floor = cost_floor(cost, search, True, "cost, Eq. 7 (dB), mode 1")
-    picture = with_floor(static_picture(work.known_scene, work.measurement), floor)
-    assert words in Viewer._hint(SimpleNamespace(run=work), picture)
 
 
 def legend(viewer):

@@ -174,6 +174,7 @@ def answers_in_sight(page, step):
 
 def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(page, monkeypatch):
     monkeypatch.setattr(panels, "DOUBLING_TIME", 0.2)  # s, so that a slow browser sees that it runs
+    page.faults.clear()
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
     fills_the_window(page)
     page.locator("[data-do=modes]").press("Home")
@@ -232,6 +233,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     page.wait_for_function(f"({CUT_NAMES})().length == 0")
     press(page, "Explore")
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
+    assert page.faults == []
 
 
 def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_comes_back(page):

@@ -4,8 +4,9 @@ import logging
 import re
 
 import pytest
-from browsing import COARSE, begin_anew, choose, opened_page, press, slider, tab, until
+from browsing import COARSE, begin_anew, choose, hover, on_screen, opened_page, press, slider, tab, until
 
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.viewer.server import hardening
 
 
@@ -107,6 +108,15 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     page.keyboard.press("u")
     page.keyboard.press("n")
     page.get_by_text(re.compile("^step 1, ")).wait_for()
+
+
+def test_a_microphone_is_picked_by_a_click(page, scene):
+    tab(page, "Map")
+    (pixel,) = on_screen(page, scene, [[*cached_measurement(scene).positions[5], 0.0]])  # known: it is at its place
+    hover(page, pixel)
+    page.mouse.click(*pixel)
+    page.get_by_text("microphone 5, ").first.wait_for()
+    page.wait_for_function("box => !box.checked", arg=page.get_by_label("Follow the run").element_handle())
 
 
 TICKS = "window.__viserMutable?.nodeRefFromName?.['/frame_ticks']?.visible"
