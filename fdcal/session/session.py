@@ -410,11 +410,11 @@ class Session:
                 commands.append(self._commands.get(timeout=timeout))
             while True:
                 commands.append(self._commands.get_nowait())
-
-        def replaced(one: tuple | None, after: tuple | None) -> bool:
-            if one is None or after is None or one[0] is not after[0]:
-                return False
-            same_drag = one[0] is SolverRun.place and one[1][::2] == after[1][::2]  # same microphone and gesture
-            return one[0] in NEWEST_ONLY or same_drag
-
-        return [one for one, after in itertools.zip_longest(commands, commands[1:]) if not replaced(one, after)]
+        kept: list[tuple | None] = []
+        for one, after in itertools.zip_longest(commands, commands[1:]):
+            if one is not None and after is not None and one[0] is after[0]:
+                same_drag = one[0] is SolverRun.place and one[1][::2] == after[1][::2]  # same microphone and gesture
+                if same_drag or one[0] in NEWEST_ONLY:
+                    continue
+            kept.append(one)
+        return kept

@@ -112,7 +112,7 @@ LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
 OTHER_VERSION = "open the file with the version of fdcal that wrote it"
 NOT_FINITE = "the run has reached numbers that are not finite", "rewind the run before you save it"
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
-PLACES = ("positions", "shape", "origin", "centre", "sources")  # arrays of coordinates, metres
+PLACES = ("positions", "shape", "centre")  # arrays of coordinates, metres
 
 
 class StateReader:
@@ -124,8 +124,7 @@ class StateReader:
         modes, count = problem.pressures.shape
         D = problem.array_dimension
         self._shapes = {
-            "positions": (count, D), "origin": (count, D), "shape": (count, D),
-            "centre": (D,), "sources": (D + 2,), "walls": (D + 2,), "gains": (count, 2), "offsets": (count, 2),
+            "positions": (count, D), "shape": (count, D), "centre": (D,), "gains": (count, 2), "offsets": (count, 2),
             "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
             "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
         }  # fmt: skip

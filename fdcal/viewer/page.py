@@ -28,6 +28,7 @@ from ..session.lesson import Lesson, LessonSetting
 from ..session.sources import OpenRequest, scene_request
 from ..session.worker import Flag, Memo
 from .explore import Explore, OwnFiles
+from .html import of_browsers
 from .panels import Panels
 from .prepare import Preparation, SessionSwitcher
 from .scene3d import SceneNodes
@@ -88,10 +89,7 @@ class Page:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
             # viser drops messages that a browser sends before its camera; from now on its commands arrive.
             client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
-
-            @client.camera.on_update
-            async def _(_) -> None:
-                self.nodes.cameras.request(client)
+            client.camera.on_update(of_browsers(lambda camera: nodes.cameras.request(client)))
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:

@@ -256,11 +256,6 @@ STARTS = ("affine", "random")
 KEPT_BY_METHOD = ("microphone", "follow", "kind", "descending")  # choices that a change of the method keeps
 
 
-def default_start(solver: str) -> str:
-    """Return the start of a solver unless another one is given."""
-    return solvers.load(solver).TRAITS.default_start or STARTS[0]
-
-
 class SolverTab(Tab):
     """Owns the controls, and restarts the solver with them."""
 
@@ -271,8 +266,10 @@ class SolverTab(Tab):
         row, modes, problem = binding.row, binding.modes, binding.run.problem
         in_space_or_plane = problem.array_dimension == problem.dimension
         searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
-        # of the solvers that can solve this problem
-        names = tuple(name for name in solvers.names() if searchable or not solvers.load(name).TRAITS.needs_search)
+        traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
+        names = tuple(name for name, one in traits.items() if searchable or not one.needs_search)  # that can solve it
+        # of each method, unless another one is given
+        self._starts = {name: one.default_start or STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
                 f"First {row}", 1, modes, 1, state.first,
@@ -295,7 +292,7 @@ class SolverTab(Tab):
                 " time",
             )  # fmt: skip
             self.start = binding.dropdown(
-                "Start", STARTS, settings.start or default_start(settings.name), lambda _: self.refresh(),
+                "Start", STARTS, settings.start or self._starts[settings.name], lambda _: self.refresh(),
                 hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
             )  # fmt: skip
             hint = "Of the random start, and of the order in which descent moves the microphones"
@@ -305,7 +302,7 @@ class SolverTab(Tab):
         self.refresh()
 
     def _choose_method(self, name: str) -> None:
-        self.start.value = default_start(name)
+        self.start.value = self._starts[name]
         self.refresh()
         if name != self._binding.run.scene.solver.name:
             self.restart()
@@ -320,7 +317,7 @@ class SolverTab(Tab):
         """Restart with the settings: the same solver at once, another one as soon as it is ready."""
         binding, own = self._binding, self._binding.run.scene.solver
         name, start = self.name.value, self.start.value
-        if (name, start) == (own.name, own.start or default_start(own.name)):
+        if (name, start) == (own.name, own.start or self._starts[own.name]):
             binding.session.reset(binding.choices.seed)
             return
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))

@@ -84,11 +84,8 @@ class MapTab(Tab):
         self._caption, choices = Memo(), binding.choices
         self.kinds = tuple(kind for kind in cost_maps.MAP_KINDS if kind != "volume" or choices.in_space)
         row = binding.row
-
-        def of_kind(*kinds: str) -> Callable[[Choices], bool]:
-            return lambda choices: self._possible and choices.kind in kinds
-
-        mapped, of_cost = of_kind(*cost_maps.MAP_KINDS[:-1]), of_kind("flat", "relief", "volume")
+        mapped: Callable[[Choices], bool] = lambda of: self._possible and of.kind != "none"  # noqa: E731
+        of_cost: Callable[[Choices], bool] = lambda of: mapped(of) and of.kind != "shape"  # noqa: E731
         labels = {LABELS[kind]: kind for kind in self.kinds}
         self.kind = binding.choice("Show", "kind", labels, visible=self._possible, command="kind")
         self.microphone = binding.slider(
