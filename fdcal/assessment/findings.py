@@ -180,15 +180,14 @@ class Judged:
             return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
         return self.scale, self.scale_sigma
 
-    def rival(self) -> float:
-        """Return the RMS distance of another optimum that is as likely, metres; 0 if there is none."""
+    def rival(self) -> np.ndarray:
+        """Return how far each microphone is away in another optimum that is as likely : (N,), metres; 0 without one."""
         tried, same, healthy = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy
         for one in tried[1:]:
-            apart = align(one.positions, tried[0].positions, healthy) - tried[0].positions
-            away = root_mean_square(np.linalg.norm(apart[healthy], axis=1))
-            if away > same and one.score < tried[0].score + RIVAL_COST:
-                return away
-        return 0.0
+            away = np.linalg.norm(align(one.positions, tried[0].positions, healthy) - tried[0].positions, axis=1)
+            if root_mean_square(away[healthy]) > same and one.score < tried[0].score + RIVAL_COST:
+                return away * healthy
+        return np.zeros(len(healthy))
 
 
 # Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
@@ -368,9 +367,10 @@ FINDINGS: tuple[Finding, ...] = (
                          f" {'on a line' if seen.estimate.positions.shape[1] == 2 else 'in a plane'}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             3.0, "nats by which the array is likelier than its mirror image: a probability of 0.05 for the latter"),
-    Finding("ambiguous", lambda seen, _: seen.by_rows and seen.rival() > 0,
-            lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
+    Finding("ambiguous", lambda seen, _: bool(seen.rival().any()),
+            lambda seen: "another array explains the pressures as well; in it microphone"
+                         f" {seen.names[int(seen.rival().argmax())]} is {100 * seen.rival().max():.2g} cm away",
+            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record another take with the source elsewhere",
             reason="another array explains the pressures as well"),
     Finding("ambiguous", _other_minimum,
             lambda seen: f"microphone {seen.names[seen.noisiest]} has"

@@ -31,6 +31,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import minimum_filter
 from scipy.special import j0, j1, spherical_jn
 
 from ..model.validation import Complexes, Integers, Reals
@@ -49,6 +50,7 @@ QUADRATIC = np.array(
 SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
 NOISE_NODES, POWER_NODES = 5, 2
 DIRECTIONS = 1200  # number of directions among which a wave is sought
+SPACING = 0.125  # distance of the places where a microphone is sought, in shortest wavelengths
 OF_WAVE = POWER_NODES + 3  # number of parameters of a wave: power, direction along two tangents, curvature
 # means and standard deviations of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of
 # the logarithms of noise and waves, over the diffuse field, and of the curvature, 1/m
@@ -318,9 +320,28 @@ def anisotropic_kernel(
 
     x : (N, 3), metres; k : (F,), rad/m; spectrum : (7,). The derivatives are empty without `slope`.
     """
-    N, (*a, ring, elevation) = len(x), spectrum
+    N = len(x)
     i, j = np.triu_indices(N, 1)
-    d = x[i] - x[j]
+
+    def whole(values: Reals, sign: float = 1.0) -> np.ndarray:
+        out = np.zeros((*values.shape[:-1], N, N))
+        out[..., i, j], out[..., j, i] = values, sign * values
+        return out
+
+    values, slopes, shapes = _pair_kernel(x[i] - x[j], k, spectrum, slope)
+    K = whole(values)
+    K[:, np.arange(N), np.arange(N)] = 1.0
+    if not slope:
+        return K, np.zeros((0, *K.shape)), np.zeros((0, *K.shape))
+    return K, whole(np.moveaxis(slopes, -1, 0), -1.0), whole(shapes)
+
+
+def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K (F, P) of pairs at distances d (P, 3), metres, and its derivatives (F, P, 3) and (7, F, P).
+
+    The derivatives are those by d and by the spectrum parameters, empty without `slope`.
+    """
+    *a, ring, elevation = spectrum
     r = np.linalg.norm(d, axis=1) + 1e-9
     u, Y = d / r[:, None], _quadratic(d / r[:, None])
     z = np.maximum(k[:, None] * r, 1e-4)
@@ -329,17 +350,10 @@ def anisotropic_kernel(
     flat, up = np.cos(elevation), np.sin(elevation)
     round_, level = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
     bessel, wave = j0(round_), np.cos(level)
-    each = np.array([*(second * y for y in Y), bessel * wave - isotropic])
-
-    def whole(values: Reals, sign: float = 1.0) -> np.ndarray:
-        out = np.zeros((*values.shape[:-1], N, N))
-        out[..., i, j], out[..., j, i] = values, sign * values
-        return out
-
-    K = whole(isotropic + np.tensordot(spectrum[:6], each, 1))
-    K[:, np.arange(N), np.arange(N)] = 1.0
+    shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic])
+    values = isotropic + np.tensordot(spectrum[:6], shapes, 1)
     if not slope:
-        return K, np.zeros((0, *K.shape)), np.zeros((0, *K.shape))
+        return values, np.zeros(0), np.zeros(0)
     outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # by the arguments of the two factors of the ring
     radial = (1 - ring) * spherical_jn(0, z, True) + np.dot(a, Y) * spherical_jn(2, z, True)
     slopes = k[:, None, None] * (radial[..., None] * u)
@@ -348,7 +362,7 @@ def anisotropic_kernel(
     slopes[..., :2] += ring * k[:, None, None] * flat * outward[..., None] * (d[:, :2] / across[:, None])
     slopes[..., 2] += ring * k[:, None] * up * upward
     turned = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
-    return K, whole(np.moveaxis(slopes, -1, 0), -1.0), whole(np.array([*each, turned]))
+    return values, slopes, np.array([*shapes, turned])
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:
@@ -411,23 +425,28 @@ def _directions(count: int) -> np.ndarray:
     return np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
 
 
-def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
-    """Return the field with one more wave of each take, the likeliest among DIRECTIONS directions and five powers.
-
-    A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
-    """
+def _observed(likelihood: ShortLikelihood, field: ShortField) -> tuple[Complexes, Complexes, Complexes, Reals]:
+    """Return the waves (G, W, N), the inverse of C and the scatter (G, N, N), and the number of windows (G,)."""
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     K = anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
     noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
     h = likelihood.waves(field, _nodes(each, POWER_NODES)[of_group])[0]
     C = _covariance(K[of_group], noise[of_group], h)
-    q, inverse = likelihood.powers(np.linalg.cholesky(C), field), np.linalg.inv(C)
-    received = inverse @ likelihood.scatter(q, field) @ inverse
+    q = likelihood.powers(np.linalg.cholesky(C), field)
+    return h, np.linalg.inv(C), likelihood.scatter(q, field), np.sum(q > 0, axis=1) / likelihood.dispersion
+
+
+def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
+    """Return the field with one more wave of each take, the likeliest among DIRECTIONS directions and five powers.
+
+    A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
+    """
+    inverse, scatter, windows = _observed(likelihood, field)[1:]
+    received = inverse @ scatter @ inverse
     directions, powers = _directions(DIRECTIONS), np.exp([-4.5, -3.0, -1.5, 0.0, 1.5])
     curvature = np.full((1, DIRECTIONS), CURVATURE_PRIOR[0])
     delays = _delays(replace(field, directions=directions[None], curvature=curvature))[0][0]
     value = np.zeros((len(field.curvature), DIRECTIONS, len(powers)))
-    windows = np.sum(q > 0, axis=1) / likelihood.dispersion
     for g, take in enumerate(likelihood.takes):
         h = np.exp(-1j * likelihood.wavenumbers[g] * delays)
         s, along = (np.sum((h @ one.T) * h.conj(), axis=1).real[:, None] for one in (inverse[g], received[g]))
@@ -440,3 +459,56 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
         powers=np.concatenate([field.powers, new], axis=1),
         curvature=np.concatenate([field.curvature, np.full((len(new), 1), CURVATURE_PRIOR[0])], axis=1),
     )
+
+
+def other_places(
+    likelihood: ShortLikelihood, field: ShortField, axes: Integers, apart: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the likeliest other place of each microphone (N, 3), metres, and by how much its cost is higher (N,).
+
+    The places are minima of the cost on a lattice, at least `apart`, metres, from the present place, with all other
+    microphones where they are. The difference is infinite if there is none. axes : (D,), coordinates that are free
+    """
+    x, spacing = field.positions, SPACING * 2 * np.pi / float(likelihood.wavenumbers.max())
+    ranges = [np.arange(x[:, a].min() - spacing, x[:, a].max() + 2 * spacing, spacing) for a in axes]
+    places = np.tile(x.mean(axis=0), (int(np.prod([len(one) for one in ranges])), 1))
+    places[:, axes] = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, len(axes))
+    costs = costs_of_places(likelihood, field, np.vstack([x, places]), spacing / 2 / np.sqrt(3))
+    gaps, best = np.full(len(x), np.inf), np.array(x)
+    for n, of_places in enumerate(costs[:, len(x) :]):
+        lattice = of_places.reshape([len(one) for one in ranges])
+        minima = (lattice == minimum_filter(lattice, 3, mode="nearest")).ravel()
+        minima &= np.linalg.norm(places - x[n], axis=1) > apart
+        if minima.any():
+            at = np.flatnonzero(minima)[np.argmin(of_places[minima])]
+            best[n], gaps[n] = places[at], of_places[at] - costs[n, n]
+    return best, gaps
+
+
+def costs_of_places(likelihood: ShortLikelihood, field: ShortField, places: Reals, error: float) -> np.ndarray:
+    """Return the cost (N, C) of moving one microphone alone to each of `places` (C, 3), metres.
+
+    The cost is defined up to a constant for each microphone. The other microphones predict its pressure. One sigma of
+    each coordinate of the places, `error`, metres, adds to the variance of the prediction. The powers of the windows
+    are those at the present array.
+    """
+    each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
+    nodes, noise = _nodes(each, POWER_NODES)[of_group], np.exp(_nodes(each, NOISE_NODES) @ field.noise)
+    h, inverses, scatters, windows = _observed(likelihood, field)
+    delays, N = _delays(replace(field, positions=places))[0], len(field.positions)
+    apart, costs = (places[:, None] - field.positions).reshape(-1, 3), np.zeros((len(places), N))
+    for f, k in enumerate(each):
+        K = _pair_kernel(apart, each[f : f + 1], field.spectrum, False)[0].reshape(-1, N)
+        for g in np.flatnonzero(of_group == f):
+            take, inverse, S = likelihood.takes[g], inverses[g], scatters[g]
+            there = np.exp((field.powers[take] @ nodes[g])[:, None] / 2 - 1j * k * delays[take])
+            across = K + there.T @ h[g].conj()
+            # Weights that leave out microphone n are X - X_n R_n, with X the weights of all and R_n a row of R.
+            X, own = across @ inverse, np.real(np.diag(inverse))
+            R, T, squared = inverse / own[:, None], X @ S, np.abs(X) ** 2
+            alone = (1 + np.sum(np.abs(there) ** 2, axis=0)) * (1 + (k * error) ** 2) + noise[f]
+            variance = (alone - np.sum(X * across.conj(), axis=1).real)[:, None] + squared / own
+            squares = np.sum(T * X.conj(), axis=1).real[:, None] + squared * np.sum((R @ S) * R.conj(), axis=1).real
+            squares += np.real(np.diag(S)) - 2 * (X.conj() * (T @ R.conj().T) + T - X * np.diag(R @ S)).real
+            costs += windows[g] * np.log(variance) + squares / variance
+    return costs.T

@@ -1,7 +1,9 @@
 """Bad input and files of another kind: exit code 2, one line that names value and remedy."""
 
+import io
 import json
 import re
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -104,11 +106,29 @@ def test_files_and_folders_that_are_not_there_exit_3(refused, arguments, words):
     assert re.search(words, refused(*arguments, code=3))
 
 
-# Errors below the command line name arguments (test_api.py), and the command line words each as its own option.
+# Errors below the command line name arguments, and the command line words each of them as its own option.
 
 
 PACKAGE = Path(__file__).parents[2] / "fdcal"
 BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in path.relative_to(PACKAGE).parts]
+OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
+STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # variables of a style sheet, and comments of a page
+ALLOWED = {  # the page says how to list the commands; options of git
+    "model/storage.py": {"--format", "--porcelain"},
+    "viewer/tabs/help.py": {"--help"},
+}
+
+
+TEXTS = (tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING))
+
+
+def test_no_text_below_the_command_line_holds_one_of_its_options():
+    for path in BELOW:
+        name = path.relative_to(PACKAGE).as_posix()
+        for text in tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline):
+            if text.type in TEXTS and not text.line.lstrip().startswith('"""'):
+                found = set(OPTION.findall(STYLE.sub("", text.string))) - ALLOWED.get(name, set())
+                assert not found, f"{name}:{text.start[0]}: {found}; name the argument in angle brackets"
 
 
 def test_every_argument_that_a_remedy_names_has_an_option_and_every_option_is_there():

@@ -66,7 +66,9 @@ def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path)
     result = json.loads((tmp_path / "result.json").read_text())
     rows = {row["name"]: row for row in result["given_positions"]}
     assert list(rows) == [str(n) for n in known] and [name for name, row in rows.items() if row["wrong"]] == ["10"]
+    assert rows["10"]["given_m"] == table["known_positions"][4].tolist()
     assert rows["10"]["found_m"] == result["positions"][10] and abs(rows["10"]["difference_m"] - 0.0583) < 0.003
+    assert np.linalg.norm(np.array(rows["10"]["found_m"]) - table["positions"][10]) < 0.003
     assert result["verdict"] == "good" and "of 6 given positions corrected by more than 1 mm" in printed
     (line,) = [line for line in printed.splitlines() if line.endswith("wrong")]
     assert line.split()[0] == "10" and float(line.split()[5]) == pytest.approx(58, abs=3)

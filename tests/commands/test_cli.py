@@ -152,13 +152,19 @@ def test_port_in_use_exits_2(refused):
     assert "--port 0" in line
 
 
-def test_existing_output_stays_without_force(tmp_path, refused):
-    path = tmp_path / "out.npz"
-    for name in (path.name, "out.json", "out.png"):
-        (tmp_path / name).write_text("precious")
-    for arguments in (["simulate"], ["calibrate", "--modes", "12"], ["landscape", "--microphone", "1"]):
-        suffix = {"simulate": "npz", "calibrate": "json", "landscape": "png"}[arguments[0]]
-        assert "--force" in refused(arguments[0], "tiny", *arguments[1:], "-o", f"out.{suffix}")
-        assert (tmp_path / f"out.{suffix}").read_text() == "precious"
-    done("simulate", "tiny", "-o", path, "--force", folder=tmp_path)
-    assert path.read_bytes() != b"precious" and len(list(tmp_path.iterdir())) == 3, "no temporary file stays"
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "tiny", "-o", "out.npz"],
+        ["calibrate", "tiny", "--modes", "12", "-o", "out.json"],
+        ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
+    ],
+)
+def test_existing_output_stays_without_force(arguments, tmp_path, refused):
+    path = tmp_path / arguments[-1]
+    path.write_text("precious")
+    assert "--force" in refused(*arguments)
+    assert path.read_text() == "precious"
+    if arguments[0] == "simulate":
+        done(*arguments, "--force", folder=tmp_path)
+        assert path.read_bytes() != b"precious" and list(tmp_path.iterdir()) == [path], "no temporary file stays"

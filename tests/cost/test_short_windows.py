@@ -122,3 +122,21 @@ def test_direct_sound_and_a_reflection_are_found_one_after_the_other():
     assert np.all(np.sum(direct.directions * field.directions[:, :1], axis=2) > 0.95)
     assert both.directions.shape == field.directions.shape
     assert np.all(np.diff([likelihood.terms(one, False).cost for one in (alone, direct, both)]) < 0)
+
+
+def test_the_cost_of_another_place_is_that_of_the_covariance_there():
+    """Log det C + tr C^-1 S, with the scatter S at the present array, from the whole covariance of each array."""
+    rng = np.random.default_rng(6)
+    field = some_field(rng)
+    likelihood = drawn(field, rng)
+    places = np.vstack([field.positions, 0.1 * rng.standard_normal((4, 3))])
+    found = short.costs_of_places(likelihood, field, places, 0.0)
+    _, inverse, scatter, windows = short._observed(likelihood, field)
+    for n in range(N):
+        costs = []
+        for place in places[[n, -2, -1]]:
+            moved = np.array(field.positions)
+            moved[n] = place
+            inverse = short._observed(likelihood, replace(field, positions=moved))[1]
+            costs.append(-windows @ np.linalg.slogdet(inverse)[1] + np.sum(inverse * scatter.swapaxes(1, 2)).real)
+        assert np.allclose(found[n, [n, -2, -1]] - found[n, n], np.array(costs) - costs[0], atol=1e-8)

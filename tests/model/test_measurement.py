@@ -105,8 +105,11 @@ def test_a_required_key_is_asked_for(written, key):
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
         ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),
         ({"known_positions": None, "positions": None}, ["known_positions is missing"]),
+        ({"sound_speed": -343.0}, ["sound_speed = -343 m/s", "above zero"]),
         ({"dimension": 2.5}, ['dimension = "2.5" is unknown', "use one of 2, 3"]),
+        ({"array_dimension": 0}, ["array_dimension", "0"]),
         ({"names": ["a", "b", "c", "d", "d"]}, ["names must be 5 different texts"]),
+        ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
         ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
         *(
             ({"spectrum": wrong}, ["spectrum"])

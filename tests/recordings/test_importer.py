@@ -152,6 +152,16 @@ def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(
     assert error[1] < error[0] - 6, "the reference compresses the sweep, and what follows is left out"
 
 
+def test_what_follows_the_sound_is_left_out():
+    quiet = noisy(np.pad(responses(), ((0, 0), (0, 3 * FS))), 20)
+    taken = pressures_of(quiet)
+    assert "the rest is left out" in taken.how
+    assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
+    truth = exact(taken.frequencies)
+    assert np.median(mismatch_db(taken.pressures, truth)) < np.median(mismatch_db(whole, truth)) - 4
+
+
 def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarray, Callable]:
     """Sixty modes that decay at 20/s and one at 50 Hz that decays at `slow`, (24, T); their transform at (M,) Hz."""
     rng = np.random.default_rng(0)
@@ -406,10 +416,11 @@ def test_heights_that_differ_are_no_plane(channels):
 
 def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
     class Compared:
-        agrees = fits = False
+        agrees = False
 
-    found = SimpleNamespace(verdict="not_converged")
-    monkeypatch.setattr("fdcal.session.calibration_run.solve", lambda *_: found)
+    monkeypatch.setattr(
+        "fdcal.session.calibration_run.solve", lambda *_: SimpleNamespace(verdict="not_converged", room=(1, 1))
+    )
     monkeypatch.setattr(report, "comparison", lambda *_: Compared)
     for name in ("summary", "comparison_text"):
         monkeypatch.setattr(report, name, lambda *_: None)
@@ -422,6 +433,33 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
 
 
 RATE, SWEPT, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels
+
+
+@pytest.mark.parametrize(("recorded_s", "played_s", "response_s"), [(6, 5.5, 2.25), (8, 3, 4.5)])
+def test_the_noise_is_that_in_the_response_whatever_the_lengths(recorded_s, played_s, response_s, monkeypatch):
+    """White noise of known power added to the recording of a sweep, of a flat spectrum S in the band."""
+    monkeypatch.setattr(impulse_response, "DECONVOLUTION", replace(impulse_response.DECONVOLUTION, length=response_s))
+    rng, t = np.random.default_rng(0), np.arange(int(played_s * RATE)) / RATE
+    played, power = chirp(t, 15, played_s, 450), 0.3
+    room = rng.standard_normal((COUNT, 100)) * np.exp(-np.arange(100) / 10)
+    clean = np.array([np.pad(fftconvolve(played, h), (0, recorded_s * RATE))[: recorded_s * RATE] for h in room])
+    noise = np.sqrt(power) * rng.standard_normal(clean.shape)
+
+    def deconvolved(samples):
+        made, density = deconvolve(
+            recording_of("recording", None, RATE, samples), recording_of("sweep", None, RATE, played[None]), SWEPT
+        )
+        return read_samples(made, 0, made.samples), density
+
+    (with_noise, density), (without, _) = deconvolved(clean + noise), deconvolved(clean)
+    assert with_noise.shape == (COUNT, response_s * RATE)
+    spectrum = np.abs(np.fft.rfft(with_noise - without)) ** 2 / with_noise.shape[1]
+    f = np.fft.rfftfreq(with_noise.shape[1], 1 / RATE)
+    inside = (f > 40) & (f < 280)
+    assert np.mean(density(f[inside])) == pytest.approx(np.mean(spectrum[:, inside]), rel=0.07)
+    f = np.linspace(40, 280, 1000)
+    S = np.exp(-2j * np.pi * np.outer(f, t)) @ played
+    assert np.mean(density(f) * np.abs(S) ** 2) == pytest.approx(power, rel=0.1)
 
 
 def test_a_recording_hardly_longer_than_the_response_does_not_tell_the_noise():

@@ -68,16 +68,21 @@ def test_a_step_stands_on_the_last_scene_named(written, edited):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
+        ('title = "Mine"', "", "title is missing; add it to the lesson"),
         ('title = "Mine"', 'title = "Mine"\nname = "x"', "name is not a key of a lesson"),
         ('text = "Look."', 'txt = "Look."', 'steps[1].txt is not a key of a lesson; did you mean "steps[1].text"'),
         ('text = "Again."', 'text = "Again."\nreveal = "x"', "steps[2].reveal has no question before it"),
         ("answer = 2", "answer = 3", "steps[1].answer = 3 is none of the 2 choices"),
+        ('choices = ["one", "two"]', 'choices = ["one"]', "steps[1].choices has 1 entries"),
+        ('reveal = "Two."', "", "steps[1].reveal"),
         ('scene = "tiny"', "", "steps[1].page.scene is missing; name the scene"),
         ('scene = "tiny"', 'scene = "huge"', 'scene "huge" is unknown'),
         ('"solver.name" = "descent"', '"solver.nme" = "descent"', "solver.nme is not a key of a scene"),
         ('modes = "1-5"', 'modes = "5-1"', 'steps[1].page.modes = "5-1"'),
+        ('modes = "1-5"', 'map_modes = "x"', 'steps[1].page.map_modes = "x"'),
         ('modes = "1-5"', 'map = "hilly"', 'steps[1].page.map = "hilly" is unknown; use one of flat, relief'),
         ('modes = "1-5"', 'map = "volume"', 'steps[1].page.map = "volume" needs an array in space; name a scene'),
+        ('modes = "1-5"', 'view = "up"', 'steps[1].page.view = "up" is unknown'),
         (
             "microphone = 3",
             "microphone = 16",

@@ -159,9 +159,7 @@ def absurd(kind: str) -> Measurement:
 
 
 CASES = [
-    ("noise", "joint"),
-    ("twins", "robust"),
-    ("high", "robust"),
+    *itertools.product(["noise", "twins", "high"], ["joint", "robust"]),
     ("noise", "descent"),
     ("twins", "descent"),
 ]

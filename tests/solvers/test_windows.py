@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from solving import rms_of_shape
 
 import fdcal
-from fdcal.cost.short_windows import anisotropic_kernel
+from fdcal.cost.short_windows import ShortLikelihood, anisotropic_kernel, first_field
 from fdcal.model.gauge import rigid_motions
 from fdcal.model.problem import ShortWindows
 from fdcal.model.settings import SolverSettings
@@ -20,7 +20,7 @@ from fdcal.solvers.robust.arrivals import arrivals_of
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import with_windows
 from fdcal.solvers.robust.state import FINAL
-from fdcal.solvers.robust.windows import WindowTerm, is_flat, precision_of, usable
+from fdcal.solvers.robust.windows import WindowTerm, is_flat, precision_of, usable, with_rival
 
 RATE, SOUND = 8000, 343.2
 
@@ -194,3 +194,25 @@ def test_an_array_is_flat_where_its_windows_show_no_heights(height):
     z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
     windows = ShortWindows(k * SOUND / (2 * np.pi), np.zeros(len(k), np.int64), z @ L.swapaxes(1, 2), 0.03)
     assert is_flat(windows, SOUND) == (height == 0)
+
+
+@pytest.mark.parametrize("apart", [2.4, 0.3])
+def test_a_microphone_that_may_stand_elsewhere_is_found(apart):
+    """Three waves along y = 0 show only how far two microphones are from the plane of the others, not on which side.
+
+    The coherence of the two shows whether they are on the same side, if they are near each other.
+    """
+    rng, k = np.random.default_rng(0), np.linspace(4, 40, 20)
+    x = np.vstack([rng.uniform(-0.15, 0.15, (8, 3)) * [1, 0, 1], [[-apart / 2, 0.4, 0], [apart / 2, 0.4, 0.1]]])
+    waves = np.array([[0.8, 0, 0.6], [0.6, 0, -0.8], [-0.28, 0, 0.96]])
+    field = replace(
+        first_field(x, 1), directions=waves[None], powers=np.full((1, 3, 2), 1.5), curvature=np.full((1, 3), 0.5)
+    )
+    across = np.sum(field.positions**2, axis=1)[:, None] - (field.positions @ waves.T) ** 2
+    h = np.exp(0.75 + 1j * k[:, None, None] * (field.positions @ waves.T - across / 4))
+    K = anisotropic_kernel(x, k, field.spectrum, False)[0] + h @ h.conj().swapaxes(1, 2)
+    z = rng.standard_normal((len(k), 40, 10, 2)).view(complex)[..., 0]
+    p = z @ np.linalg.cholesky(K + 0.05 * np.eye(10)).swapaxes(1, 2)
+    likelihood = ShortLikelihood(k, np.zeros(len(k), np.int64), p)
+    rival = with_rival(likelihood, field, np.arange(3), np.full(10, True))[1]
+    assert (rival is None) == (apart < 1)

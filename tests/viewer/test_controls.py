@@ -174,11 +174,14 @@ def test_a_measured_array_or_room_has_less_to_edit_and_says_what_is_measured(ser
     array, opened = controls_of_scene(server, work, "frl_array")
     edited = ("microphones", "radius", "walls", "absorption", "noise", "snr", "speed", "known", "seed", "apply")
     assert not any(hasattr(array, name) for name in edited)
+    for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
+        assert words in array.message.content
     set_by_client(array.name, "tiny")
     set_by_client(array.name, "frl_array")  # the one that is shown
     assert [opening.scene.name for opening in opened] == ["tiny"] and array.name.value == "frl_array"
     room, opened = controls_of_scene(server, work, "listening_lab")
     assert not room.walls.visible and not room.absorption.visible and room.microphones.visible
+    assert "response is measured" in room.message.content and "is modelled" in room.message.content
     set_by_client(room.snr, 30)
     set_by_client(room.walls, "rigid")  # a client can set what is hidden
     set_by_client(room.apply, True)

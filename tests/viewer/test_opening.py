@@ -130,10 +130,14 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.wait_for_function(f"() => {{ {stands} window.there = there; return at && same; }}", polling=300)
     x, y = (at + 0.5 * REACH for at in page.evaluate(DISC, opening.MICROPHONE))
     finger = context.new_cdp_session(page)
+    other = {"x": 330, "y": 320, "id": 1}
     for number in range(8):
         kind = "touchMove" if number else "touchStart"
         at = {"x": x + 4 * number, "y": y + 9 * number, "id": 0}
-        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [at]})
+        if number == 5:
+            finger.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [at, other]})
+        fingers = [at] if number < 5 else [at, other]
+        finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
         page.wait_for_timeout(100)
     # As far from the finger as at first, 17 pixels, by 12: its height on the relief depends on the moves on the way, of
     # which a slow browser leaves some out.

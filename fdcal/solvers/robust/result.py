@@ -47,6 +47,10 @@ def result(problem: Problem, state: State) -> Estimate:
     usual = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
     # whether given positions fix the frame: not if all are less accurate than expected
     framed = bool(len(problem.known)) and model.known_sigma <= given.INACCURATE * usual
+    tried = tuple(TriedOptimum(one.positions, one.score, framed and given.same_given(state, one)) for one in ended)
+    if model.window_positions is not None:  # the short windows determine the array
+        both = (state.positions, model.window_rival)
+        tried = tuple(TriedOptimum(x, 0.0, False) for x in both if x is not None)
     return Estimate(
         problem=problem,
         modes=state.modes,
@@ -58,7 +62,7 @@ def result(problem: Problem, state: State) -> Estimate:
         given=_given(problem, state, claim, here),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
-        tried=tuple(TriedOptimum(x.positions, x.score, framed and given.same_given(state, x)) for x in ended),
+        tried=tried,
         window_ratio=0.0 if model.window_positions is None else model.window_ratio,
     )
 

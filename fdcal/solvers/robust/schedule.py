@@ -188,6 +188,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
         model,
         window_positions=term.positions,
         window_precision=term.precision / ratio,
+        window_rival=term.rival,
         window_ratio=ratio,
         tempering=model.tempering * claim.excess * ratio,
         # So far the long rows had too much weight: delays found with it may be wrong, and contradict the arrival times.

@@ -90,9 +90,11 @@ class Model:
     # only a faulty channel has them
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
-    # result of the fit to the short windows: positions (N, D), metres, and precision (N D, N D), 1/m^2
+    # result of the fit to the short windows: positions (N, D), metres, precision (N D, N D), 1/m^2, and other positions
+    # (N, D) that explain the windows as well, if there are any
     window_positions: np.ndarray | None = None
     window_precision: np.ndarray | None = None
+    window_rival: np.ndarray | None = None
     window_ratio: float = 1.0  # `WindowTerm.disagreement`
     tempering: float = 1.0  # divisor of the cost of the long rows where short windows are used
 

@@ -24,6 +24,7 @@ from ...cost.short_windows import (
     advanced,
     first_field,
     free_parameters,
+    other_places,
     upright,
     with_wave,
 )
@@ -54,9 +55,13 @@ DECREASE, LAST_DECREASE = 10.0, 0.05
 WAVE_NATS = 100.0
 MAX_WAVES = 10  # of a take
 ROUNDS = 2  # iterations of the dispersion lambda
-# nats of evidence above which an array in a plane is taken to be upright, and not level: the misfit of the model alone
-# makes level circles look upright by up to 43 nats, and an upright panel shows up to 126
-STANDING_NATS = 50.0
+# nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43,
+# upright panels by up to 126; of a ball of 32 whose source is near the middle of the room one microphone can stand at
+# its mirror image for 23, and of other balls for 210 or more
+MISFIT_NATS = 50.0
+LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
+APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
+MAX_EXAMINED = 4  # number of microphones whose other place is tried, to save time
 ZERO = 1e-6  # relative eigenvalue of the information below which only the priors determine a direction
 
 
@@ -66,6 +71,7 @@ class WindowTerm:
 
     positions: Reals  # (N, D) float64, metres, x_s
     precision: Reals  # (N D, N D) float64, 1/m^2, A; 0 for microphones whose windows are not used
+    rival: Reals | None = None  # (N, D) float64, metres, another array that explains the windows as well
 
     def laid_on(self, positions: Reals) -> "WindowTerm":
         """Return the term moved, turned and perhaps mirrored onto an array (N, D), metres."""
@@ -133,17 +139,23 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
         starts = [(coherent, STAGES), *starts]
     x = np.array(positions)
     try:
-        field, axes, covariance = fitted(likelihood, starts)
-        found = field.positions[:, axes]
+        likelihood, field, axes = fitted(likelihood, starts)
+        # Arrival times and given positions say which of two places is right.
+        sought = np.isin(np.flatnonzero(counted), problem.known, invert=True) & (problem.arrivals is None)
+        field, other = with_rival(likelihood, field, axes, sought)
+        covariance, found = covariance_of(likelihood, field, axes), field.positions[:, axes]
         x[counted] = align(found, positions[counted])
         whole = np.kron(np.eye(len(found)), _turn(found, x[counted]))
         precision = precision_of(whole.T @ covariance @ whole, x[counted])
     except np.linalg.LinAlgError:
         return None
     index = np.arange(N * D).reshape(N, D)[counted].ravel()
-    embedded = np.zeros((N * D, N * D))
+    embedded, rival = np.zeros((N * D, N * D)), None
     embedded[np.ix_(index, index)] = precision
-    return WindowTerm(x, embedded)
+    if other is not None:
+        rival = np.array(x)
+        rival[counted] = align(other, x[counted])
+    return WindowTerm(x, embedded, rival)
 
 
 def precision_of(covariance: Reals, positions: Reals) -> np.ndarray:
@@ -181,22 +193,19 @@ def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
 
 def fitted(
     likelihood: ShortLikelihood, starts: list[tuple[Reals, tuple[float, ...]]]
-) -> tuple[ShortField, Integers, np.ndarray]:
-    """Return the likeliest field, the axes, and the covariance (N D, N D), metres^2, without rigid motions.
+) -> tuple[ShortLikelihood, ShortField, Integers]:
+    """Return the likelihood with its dispersion, the likeliest field, and the axes.
 
     starts : positions (N, D), metres, each with the largest wavenumbers of its first stages, rad/m;
     axes : (D,) int64, which of the field's three coordinates are free
     """
-    N, takes, axes = likelihood.pressures.shape[2], int(likelihood.takes.max()) + 1, np.arange(starts[0][0].shape[1])
+    takes, axes = int(likelihood.takes.max()) + 1, np.arange(starts[0][0].shape[1])
     k, ended = likelihood.wavenumbers, list[tuple[ShortField, float]]()
     lowest = np.unique(k)[min(3, len(np.unique(k)) - 1)]
     for positions, stages in starts:
         field, cost = first_field(positions, takes), np.inf
         for top in stages:
-            kept = k <= max(top, lowest)
-            part = replace(
-                likelihood, wavenumbers=k[kept], takes=likelihood.takes[kept], pressures=likelihood.pressures[kept]
-            )
+            part = _up_to(likelihood, max(top, lowest))
             field, _ = _minimised(part, first_field(field.positions, takes), axes)
             field, cost = _minimised(part, with_wave(part, field), axes)
         ended.append((field, cost))
@@ -211,19 +220,64 @@ def fitted(
     field, cost = _minimised(likelihood, start, axes, spectrum=7, steps=LAST_STEPS)
     for start, other in standing:
         found, lower = _minimised(likelihood, start, other, spectrum=7, steps=LAST_STEPS)
-        if cost - lower > STANDING_NATS * _dispersion(likelihood, field, axes, spectrum=7):
+        if cost - lower > MISFIT_NATS * _dispersion(likelihood, field, axes, spectrum=7):
             field, axes = found, other
     for _ in range(ROUNDS):
         dispersion = _dispersion(likelihood, field, axes, spectrum=7, channels=True)
         likelihood = replace(likelihood, dispersion=dispersion)
         field, _ = _minimised(likelihood, field, axes, spectrum=7, channels=True, steps=LAST_STEPS, least=LAST_DECREASE)
-    moves = free_parameters(field, axes, channels=True, spectrum=7)
-    index = np.flatnonzero(moves)
-    at = np.searchsorted(index, (5 * np.arange(N)[:, None] + axes).ravel())
+    return likelihood, field, axes
+
+
+def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers) -> np.ndarray:
+    """Return the covariance (N D, N D), metres^2, of the positions at the optimum `field`, without rigid motions."""
+    index = np.flatnonzero(free_parameters(field, axes, channels=True, spectrum=7))
+    at = np.searchsorted(index, (5 * np.arange(len(field.positions))[:, None] + axes).ravel())
     inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
     motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
     fixed = np.eye(len(at)) - motions @ motions.T
-    return field, axes, MODEL_EXCESS * (fixed @ inverse[np.ix_(at, at)] @ fixed)
+    return MODEL_EXCESS * (fixed @ inverse[np.ix_(at, at)] @ fixed)
+
+
+def _up_to(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
+    """Return the likelihood of the wavenumbers up to `top`, rad/m."""
+    kept = likelihood.wavenumbers <= top
+    return replace(
+        likelihood,
+        wavenumbers=likelihood.wavenumbers[kept],
+        takes=likelihood.takes[kept],
+        pressures=likelihood.pressures[kept],
+    )
+
+
+def with_rival(
+    likelihood: ShortLikelihood, field: ShortField, axes: Integers, sought: Bools
+) -> tuple[ShortField, np.ndarray | None]:
+    """Return the likeliest field, and another array (N, D), metres, that the windows can hardly tell from it, if any.
+
+    In the other array one of the microphones that are `sought`, (N,) bool, stands elsewhere. If the source is near a
+    plane of symmetry of the room, so is the field, and a microphone beyond that plane may stand at its mirror image.
+    """
+    k = likelihood.wavenumbers
+    low, part = (_up_to(likelihood, max(top, float(np.unique(k)[:4][-1]))) for top in (LOW_BAND, STAGES[-1]))
+    low = replace(low, dispersion=_dispersion(low, field, axes, spectrum=5))
+    places, gaps = other_places(low, field, axes, APART / LOW_BAND)
+    gaps[~sought] = np.inf
+    cost, cost_of_part = (one.terms(field, False).cost for one in (likelihood, part))
+    for n in np.argsort(gaps)[:MAX_EXAMINED]:
+        if gaps[n] > 2 * MISFIT_NATS:
+            break
+        x = np.array(field.positions)
+        x[n] = places[n]
+        found, other = _minimised(part, replace(field, positions=x), axes, spectrum=7, channels=True, least=1.0)
+        if other > cost_of_part + 2 * MISFIT_NATS:
+            continue
+        found, other = _minimised(likelihood, found, axes, spectrum=7, channels=True, least=1.0)
+        moved = np.linalg.norm(align(found.positions, field.positions) - field.positions, axis=1)
+        if moved.max() > APART / LOW_BAND and other < cost + MISFIT_NATS:
+            better, rival = (found, field) if other < cost else (field, found)
+            return better, rival.positions[:, axes] if other > cost - MISFIT_NATS else None
+    return field, None
 
 
 def _minimised(
@@ -276,7 +330,8 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     if start is None or len(start) < MIN_MICROPHONES:
         return False
     try:
-        field, _, covariance = fitted(likelihood, [(start, STAGES)])
+        likelihood, field, axes = fitted(likelihood, [(start, STAGES)])
+        covariance = covariance_of(likelihood, field, axes)
     except np.linalg.LinAlgError:
         return False
     x: Reals = field.positions - np.mean(field.positions, axis=0)

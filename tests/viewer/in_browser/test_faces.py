@@ -258,6 +258,10 @@ def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_
     for size in (DESKTOP, (1280, 600)):
         sized(page, size)
         answers_in_sight(page, step)
+    page.get_by_role("button", name="Choose a scene").click()
+    page.locator(".scenes button").first.wait_for()
+    page.locator("[data-local=upload]").wait_for(state="hidden")
+    page.keyboard.press("Escape")
     uncut(page)
     page.keyboard.press("h")  # which ends the lecture mode, too
     page.get_by_role("button", name="End lecture mode").wait_for(state="hidden")

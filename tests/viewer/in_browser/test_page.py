@@ -98,6 +98,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     assert page.evaluate(place) == before, "the arrows move the slider alone"
     page.evaluate("document.activeElement.blur()")
     begin_anew(page)
+    map_again(page)
     page.keyboard.press("o")
     page.locator("//label[.='Mode numbers']/following::input[1]").first.click()
     page.keyboard.type("n")
