@@ -166,9 +166,10 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     size, scale = image.size, text_scale(image.size)
     draw = ImageDraw.Draw(image)
     letters = font(16 * scale)
+    outlined: dict[str, Any] = {"font": letters, "fill": picture.theme.foreground}
+    outlined |= {"stroke_width": max(round(2.5 * scale), 1), "stroke_fill": picture.theme.background}
     for label, place in uncovered(draw, picture, camera, letters):
-        colours = picture.theme.foreground, picture.theme.background
-        _write(draw, place, label.text, letters, ANCHORS[label.anchor], *colours, scale)
+        draw.text(place, label.text, anchor=ANCHORS[label.anchor], **outlined)
     if picture.title:  # on a rectangle of the background's colour, in the upper left corner
         place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
         end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
@@ -186,7 +187,7 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
             draw.text((x + 1.35 * edge, middle), entry.text, fill=picture.theme.foreground, font=letters, anchor="lm")
             x += length
     if picture.bar is not None:
-        _draw_bar(draw, picture, picture.bar, camera, letters)
+        _draw_bar(draw, picture, picture.bar, camera, outlined)
     return np.asarray(image)
 
 
@@ -207,15 +208,12 @@ def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Lab
     return seen
 
 
-def _write(draw, place: tuple[float, float], text: str, letters, anchor: str, colour, outline, scale: float) -> None:
-    """Draw an outlined text at a pixel."""
-    width = max(round(2.5 * scale), 1)
-    draw.text(place, text, fill=colour, font=letters, anchor=anchor, stroke_width=width, stroke_fill=outline)
+def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, outlined: dict[str, Any]) -> None:
+    """Draw the colour bar with its ticks, and its label above: beside the map, or in 3-D at the image's edge.
 
-
-def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -> None:
-    """Draw the colour bar with its ticks, and its label above: beside the map, or in 3-D at the image's edge."""
-    scale, size, theme = letters.size / 16, draw.im.size, picture.theme
+    `outlined`: font and colours of its numbers, as Pillow takes them.
+    """
+    scale, size, theme = outlined["font"].size / 16, draw.im.size, picture.theme
     left, top, bottom = size[0] - 126 * scale, 0.24 * size[1], 0.86 * size[1]
     if not camera.fov:
         corners = [(*picture.focus[:2], picture.z_range[0]), (*picture.focus[2:], picture.z_range[0])]
@@ -229,6 +227,6 @@ def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, letters) -
     for fraction, text in bar.ticks:
         row = bottom + fraction * (top - bottom)
         draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
-        _write(draw, (right + 10 * scale, row), text, letters, "lm", theme.foreground, theme.background, scale)
+        draw.text((right + 10 * scale, row), text, anchor="lm", **outlined)
     label = bar.label.replace(" (", "\n(").replace("), ", "),\n").replace(" the layer z", "\nthe layer\nz")
     draw.multiline_text((left - scale, top - 8 * scale), label, theme.foreground, font(14 * scale), anchor="ld")
