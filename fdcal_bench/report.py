@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from fdcal.graphics.figures import figure_bytes
-from fdcal.model.storage import parse_toml, read_bytes, write_atomically
+from fdcal.model.storage import parse_text, read_bytes, write_atomically
 from fdcal.model.validation import InputError, StorageError
 
 from . import statistics
@@ -501,7 +501,7 @@ def write_page(page: Path, head: Head, rows: Any, folder: str, commands: str) ->
     """
     commands = commands.format(study="STUDY.toml", folder=folder, page=page)
     written = page.with_suffix(".cases.toml")
-    cases = parse_toml(read_bytes(written), written) if written.exists() else None
+    cases = parse_text(read_bytes(written), "TOML", written) if written.exists() else None
     text = calibration_page(head, rows, str(head.title), page.stem, commands, cases)
     picture = figure_bytes(draw_ranks(head, rows), "png")
     table = rows[[SCENARIO, *KEPT]].sort_values(["draw", SCENARIO]).to_csv(index=False, float_format="%.4g")

@@ -13,7 +13,7 @@ import numpy as np
 from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.quantities import Count, Seconds, Seed
 from fdcal.model.scene import MeasuredScene, Room, Scene, load_scene, scene_table
-from fdcal.model.storage import parse_toml, read_bytes
+from fdcal.model.storage import parse_text, read_bytes
 from fdcal.model.validation import InputError, build, check, shown, within
 from fdcal.session.scene_edits import SceneParameters, change, parameters_of, with_parameters
 
@@ -140,7 +140,7 @@ def load_study(path: str | Path) -> Study:
         return str(own.resolve()) if own.suffix == ".toml" and own.is_file() else scene
 
     try:
-        table = parse_toml(read_bytes(path, what="study"), path)
+        table = parse_text(read_bytes(path, what="study"), "TOML", path)
         study = build(Study, {"title": path.stem, **table}, whole="study")
         if study.scene:
             study = replace(study, scene=beside(study.scene))

@@ -203,8 +203,9 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
     """Return the result of `measure` for the scene, from the cache if known; a measured scene is read from its file."""
     if isinstance(scene, MeasuredScene):
-        return _recorded(scene)
-
+        if not scene.file:
+            raise InputError(f"{scene.name} is a measurement, which cannot be simulated", "open its file", key="scene")
+        return load_measurement(scene.file)
     return load_or_make(
         _measurement_name(scene),
         lambda: measure(scene, None, progress, cached=True),
@@ -216,14 +217,8 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
 def load_cached_measurement(scene: Scene) -> Measurement | None:
     """Return the measurement of the scene if it is in the cache, else None."""
     if isinstance(scene, MeasuredScene):
-        return _recorded(scene)
+        return cached_measurement(scene)
     return load_cached(_measurement_name(scene), load_measurement)
-
-
-def _recorded(scene: MeasuredScene) -> Measurement:
-    if not scene.file:
-        raise InputError(f"{scene.name} is a measurement, which cannot be simulated", "open its file", key="scene")
-    return load_measurement(scene.file)
 
 
 def _measurement_name(scene: Scene) -> str:

@@ -21,7 +21,7 @@ from msgspec import structs
 
 from ..model.libraries import needs
 from ..model.measurement import Measurement
-from ..model.storage import parse_json, read_bytes, write_atomically
+from ..model.storage import parse_text, read_bytes, write_atomically
 from ..model.validation import LIMITS, InputError, shown
 from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition
 from .position_check import PositionCheck
@@ -166,7 +166,7 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     InputError
         `text` is not JSON, or a key is missing or malformed.
     """
-    content = parse_json(text, where)
+    content = parse_text(text, "JSON", where)
     if not isinstance(content, dict):
         raise InputError(f"{where} must hold one JSON object with the keys {', '.join(sorted(REQUIRED))}")
     if content.get("fdcal_result") != VERSION:

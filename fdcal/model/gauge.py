@@ -58,13 +58,12 @@ def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
 
 def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
     """Return the matrix (D, D) by which `move_to_frame` multiplies rows of offsets: a rotation, or a mirror image."""
-    return _axes(positions[frame.microphones]) @ _axes(frame.positions).T
-
-
-def _axes(points: np.ndarray) -> np.ndarray:
-    """Return orthonormal axes (D, D), in columns, by Gram-Schmidt: the first towards the second point, and so on."""
-    Q, R = np.linalg.qr((points[1:] - points[0]).T)
-    return Q * np.where(np.diag(R) < 0, -1.0, 1.0)
+    axes = list[np.ndarray]()
+    for points in (positions[frame.microphones], frame.positions):
+        # Gram-Schmidt: the first axis points towards the second point, and so on
+        Q, R = np.linalg.qr((points[1:] - points[0]).T)
+        axes.append(Q * np.where(np.diag(R) < 0, -1.0, 1.0))
+    return axes[0] @ axes[1].T
 
 
 def _spans(points: np.ndarray, directions: int) -> bool:

@@ -32,7 +32,7 @@ import numpy as np
 from .measurement import Measurement, load_measurement
 from .quantities import Count, Hertz, Metres, MetresPerSecond, Point, Seconds, Seed, Whole
 from .settings import Faults, Search, Sensing, SolverSettings, search_around
-from .storage import parse_toml, read_bytes
+from .storage import parse_text, read_bytes
 from .validation import LIMITS, InputError, StorageError, build, check, naming, refusal, require_choice, require_point
 
 SUFFIX = ".mat"
@@ -543,7 +543,7 @@ def scene_table(path: str | Path) -> dict[str, Any]:
     In a measured scene `measurement` is a path. The paths in a file are relative to its folder.
     """
     path = _file_of(Path(path))
-    table = {"name": path.stem, "title": path.stem, **parse_toml(read_bytes(path, what="scene"), path)}
+    table = {"name": path.stem, "title": path.stem, **parse_text(read_bytes(path, what="scene"), "TOML", path)}
     folder, room = path.resolve().parent, table.get("room")
     if isinstance(table.get("measurement"), str):
         table["measurement"] = str(folder / table["measurement"])

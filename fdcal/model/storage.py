@@ -19,7 +19,7 @@ import tomllib
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -176,31 +176,21 @@ def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -
     return content
 
 
-def parse_toml(content: bytes, where: object) -> dict[str, Any]:
-    """Return the table of a TOML file; InputError if it is not valid. `where`: name of the file for messages."""
+def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: object) -> Any:
+    """Return the value of a TOML or JSON file; InputError if it is not valid. `where`: name of the file in messages."""
     try:
-        text = content.decode("utf-8-sig")
+        encoding = "utf-8-sig" if kind == "TOML" else "utf-8"
+        text = content.decode(encoding) if isinstance(content, bytes) else content
+        if kind == "JSON":
+            return json.loads(text)
         for number, line in enumerate(text.splitlines(), 1):
             if line.partition("=")[0].count(".") > MAX_DOTS:
                 raise ValueError(f"a key of more than {MAX_DOTS} parts in line {number}")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise _unparsed(where, "TOML", error) from error
-
-
-def parse_json(content: bytes | str, where: object) -> Any:
-    """Return the value of a JSON file; InputError if it is not valid. `where`: name of the file for messages."""
-    try:
-        return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
-    except (ValueError, RecursionError) as error:
-        raise _unparsed(where, "JSON", error) from error
-
-
-def _unparsed(where: object, kind: str, error: Exception) -> InputError:
-    """Return the error, in one line, for a text that a parser refuses."""
-    deep = isinstance(error, RecursionError)
-    reason = "it is nested too deeply" if deep else " ".join(str(error).split(";")[0].split())
-    return InputError(f"{where} is not valid {kind}: {reason}")
+        deep = isinstance(error, RecursionError)
+        reason = "it is nested too deeply" if deep else " ".join(str(error).split(";")[0].split())
+        raise InputError(f"{where} is not valid {kind}: {reason}") from error
 
 
 def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") -> dict[str, np.ndarray]:

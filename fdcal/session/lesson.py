@@ -20,7 +20,7 @@ from ..model.problem import Problem
 from ..model.quantities import Seed
 from ..model.scene import Scene, folder_of, load_scene
 from ..model.settings import SolverSettings
-from ..model.storage import parse_toml, read_bytes
+from ..model.storage import parse_text, read_bytes
 from ..model.validation import InputError, StorageError, build, naming, parse_modes, shown, within
 from ..solvers.interface import RunState
 from .scene_edits import edited
@@ -225,7 +225,7 @@ def load_lesson(path: str | Path) -> Lesson:
             remedy = f'did you mean "{near[0]}"?' if near else f"use a .toml file or one of {', '.join(names)}"
             raise InputError(f'lesson "{path}" is unknown', remedy, key="lesson")
         path = folder_of("lessons") / f"{path}.toml"
-    table = parse_toml(read_bytes(path, FILE_BYTES, "lesson"), path)
+    table = parse_text(read_bytes(path, FILE_BYTES, "lesson"), "TOML", path)
     with naming(path):
         for key in Lesson.OPTIONAL:
             if key in table:

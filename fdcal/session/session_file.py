@@ -23,7 +23,7 @@ from .. import solvers
 from ..model.measurement import load_measurement, save_measurement
 from ..model.problem import Problem
 from ..model.scene import MeasuredScene, Scene
-from ..model.storage import damaged, load_archive, parse_json, require_regular
+from ..model.storage import damaged, load_archive, parse_text, require_regular
 from ..model.validation import LIMITS, InputError, build, convert, evenly_spaced, frozen_array, naming, refusal, shown
 from ..solvers.interface import RunState
 from .scene_edits import plain, table_of
@@ -76,7 +76,7 @@ def read(path: str | Path) -> OpenRequest:
                 raise InputError(f"{path} would take {size / 1e6:.0f} MB of memory", limit, key="session")
             text, arrays = archive.read(TABLE), archive.read(ARRAYS)
     with naming(path):
-        table = parse_json(text, TABLE)
+        table = parse_text(text, "JSON", TABLE)
         if not isinstance(table, dict) or not set(KEYS) <= set(table):
             raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
         if table["fdcal_session"] != VERSION:

@@ -21,7 +21,7 @@ from fdcal.assessment.result_file import load_result
 from fdcal.model import storage
 from fdcal.model.measurement import load_measurement
 from fdcal.model.scene import folder_of, load_scene
-from fdcal.model.storage import load_archive, parse_json, parse_toml, write_atomically
+from fdcal.model.storage import load_archive, parse_text, write_atomically
 from fdcal.model.validation import LIMITS, InputError, StorageError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_places, read_positions
@@ -43,14 +43,14 @@ def refusal(call, *arguments) -> str:
 
 
 @pytest.mark.parametrize(
-    ("parse", "content", "words"),
+    ("kind", "content", "words"),
     [
-        *((parse_toml, b"a" + text, "TOML") for text in (b" = " + b"[" * DEEP, b" = " + b"{a=" * DEEP, b".a" * DEEP)),
-        *((parse_json, text * DEEP, "JSON: it is nested too deeply") for text in (b"[", b'{"a":')),
+        *(("TOML", b"a" + text, "TOML") for text in (b" = " + b"[" * DEEP, b" = " + b"{a=" * DEEP, b".a" * DEEP)),
+        *(("JSON", text * DEEP, "JSON: it is nested too deeply") for text in (b"[", b'{"a":')),
     ],
 )
-def test_what_is_deeply_nested_is_refused(parse, content, words):
-    assert f"f is not valid {words}" in refusal(parse, content, "f")
+def test_what_is_deeply_nested_is_refused(kind, content, words):
+    assert f"f is not valid {words}" in refusal(parse_text, content, kind, "f")
 
 
 @pytest.mark.parametrize("number", [b"9" * 5000, b"0x" + b"f" * 5000, b"-" + b"9" * 5000])

@@ -91,7 +91,7 @@ class Arrivals:
         r, g, s = self._residuals(paths, z, source)
         count = np.sum(self.used, axis=1) - (self.dimension + 1.0)
         cost = float(np.sum(self._costs(r)) + np.sum(count * np.log(self.sigma / self.stated)))
-        w = self._weights(r)
+        w = self.used * ((NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2))
         if not derivatives:
             empty = np.zeros((0, 0))
             return ArrivalTerms(cost, empty, empty, r, w, np.zeros((0, 0, 0)), count, source)
@@ -134,9 +134,6 @@ class Arrivals:
 
     def _costs(self, r: Reals) -> np.ndarray:
         return (NU + 1) / 2 * np.log1p(r**2 / (NU * self.sigma[:, None] ** 2)).sum(axis=1)
-
-    def _weights(self, r: Reals) -> np.ndarray:
-        return self.used * ((NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2))
 
     def _residuals(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals r, 0 where there is no arrival, path differences g, both metres, and s : (T, N) each."""
@@ -209,10 +206,11 @@ class Arrivals:
     def _fitted(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[TakeSources, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
         damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
+        sigma2 = self.sigma[:, None] ** 2
         r, g, s = self._residuals(paths, z, source)
         cost = self._costs(r)
         for _ in range(MAX_STEPS):
-            w, J = self._weights(r), self._jacobian(z, source, g, s)
+            w, J = self.used * (NU + 1) / (NU * sigma2 + r**2), self._jacobian(z, source, g, s)
             wr = w * r
             J[..., -2] *= ~self._at_bound(J[..., -2], wr, source.inverse)[:, None]
             slope = (wr[:, None] @ J)[:, 0]

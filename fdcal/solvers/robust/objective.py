@@ -515,39 +515,24 @@ class Quadratic:
     gradient: np.ndarray  # (F,) float64
     inverse: np.ndarray  # (F, F) float64, of the Gauss-Newton matrix
     coordinates: np.ndarray  # (C,) int64, indices of the free coordinates among the N D ones
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Covariance of all coordinates : (N D, N D) float64, metres^2; 0 for constrained ones."""
-        index, whole = self.coordinates, np.zeros((self.unknowns.positions.size,) * 2)
-        whole[np.ix_(index, index)] = self.inverse[: len(index), : len(index)]
-        return whole
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """One sigma of each coordinate : (N, D) float64, metres."""
-        return np.sqrt(np.diag(self.covariance)).reshape(self.unknowns.positions.shape)
-
-    @property
-    def step(self) -> np.ndarray:
-        """The Newton step of the positions to the minimum : (N, D) float64, metres."""
-        whole = np.zeros(self.unknowns.positions.size)
-        whole[self.coordinates] = -(self.inverse @ self.gradient)[: len(self.coordinates)]
-        return whole.reshape(self.unknowns.positions.shape)
-
-    @property
-    def decrease(self) -> float:
-        """Difference of the cost here and at the minimum, nats."""
-        return float(self.gradient @ self.inverse @ self.gradient) / 2
+    covariance: Reals  # (N D, N D) float64, metres^2, of all coordinates; 0 for constrained ones
+    # sigma, step: (N, D) float64, metres, one sigma of each coordinate, and the Newton step to the minimum
+    sigma: Reals
+    step: Reals
+    decrease: float  # nats, difference of the cost here and at the minimum
 
 
 def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
     """Return the quadratic of an objective; `here` is its evaluation at the unknowns where that is known."""
     evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
     gradient, matrix = reduced(unknowns, evaluation, free, objective.priors)
-    index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)
-    coordinates = np.delete(index, objective.priors.constrained, axis=0).ravel()
-    return Quadratic(unknowns, free, gradient, scaled_inverse(matrix), coordinates)
+    shape, size, inverse = unknowns.positions.shape, unknowns.positions.size, scaled_inverse(matrix)
+    coordinates = np.delete(np.arange(size).reshape(shape), objective.priors.constrained, axis=0).ravel()
+    C, newton, covariance, step = len(coordinates), -inverse @ gradient, np.zeros((size, size)), np.zeros(size)
+    covariance[np.ix_(coordinates, coordinates)] = inverse[:C, :C]
+    step[coordinates] = newton[:C]
+    sigma, decrease = np.sqrt(np.diag(covariance)).reshape(shape), -float(gradient @ newton) / 2
+    return Quadratic(unknowns, free, gradient, inverse, coordinates, covariance, sigma, step.reshape(shape), decrease)
 
 
 def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unknowns, float]:
