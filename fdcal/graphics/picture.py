@@ -68,14 +68,14 @@ def wall_height(scene: Scene) -> float:
 HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which lie on each other from the top
 
 
-def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> tuple[Part, ...]:
+def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> list[Part]:
     """Return the outline of the search domain with its rulers; in space also the edges above its base.
 
     From the top, the numbers of the z ruler would lie on each other; renderers show the label "frame/range" instead.
     """
     (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
     level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
-    pieces, labels = [glyphs.loop(corners, level)], list[Label]()
+    pieces, rulers = [glyphs.loop(corners, level)], list[tuple[str, np.ndarray, np.ndarray, Anchor]]()
     edges: list[tuple[float, float, float, Anchor]] = [(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]
     for axis, (start, end, across, anchor) in enumerate(edges):
         values = glyphs.round_ticks(start, end, 8)
@@ -83,34 +83,26 @@ def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme:
         ticks[:, :, axis] = values[:, None]
         ticks[:, 0, 1 - axis], ticks[:, 1, 1 - axis] = across, across - tick
         pieces.append(ticks)
-        places = ticks[:, 1] - 0.6 * tick * np.eye(3)[1 - axis]
-        labels += _numbers("xy"[axis], places, glyphs.tick_texts(values), anchor)
-    labels.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), "top-right"))
-    labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), "bottom-center"))
-    outline = lines("frame", np.concatenate(pieces), theme.foreground, 1.5)
-    if high <= low:
-        return outline, *labels
-    values = glyphs.round_ticks(low, high, 5)
-    ticks = np.array([[(x0, y1, z), (x0 - tick, y1, z)] for z in values]).reshape(-1, 2, 3)
-    text, place = f"z {low:z.2f} to {high:z.2f} m", (x1, y1 + marker_radius, high)
-    return (
-        outline,
-        *labels,
-        lines("frame_uprights", glyphs.stems(glyphs.lift(corners, low), high), theme.grid, 1.5),
-        lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
-        lines(HEIGHT_TICKS, ticks, theme.foreground, 1.0),
-        Label("frame/range", text, place, "bottom-right"),
-        Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), "bottom-center"),
-        *_numbers("z", ticks[:, 1] - [0.6 * tick, 0.0, 0.0], glyphs.tick_texts(values), "center-right"),
-    )
-
-
-def _numbers(axis: str, places: np.ndarray, texts: tuple[str, ...], anchor: Anchor) -> list[Label]:
-    """Return the numbers of a ruler at `places` (T, 3), metres."""
-    return [
-        Label(f"frame/{axis}{i}", text, (x, y, z), anchor)
-        for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True))
-    ]
+        rulers.append(("xy"[axis], ticks[:, 1] - 0.6 * tick * np.eye(3)[1 - axis], values, anchor))
+    parts: list[Part] = [lines("frame", np.concatenate(pieces), theme.foreground, 1.5)]
+    parts.append(Label("frame/x", "x (m)", (x1, y0 - 3.8 * marker_radius, level), "top-right"))
+    parts.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), "bottom-center"))
+    if high > low:
+        values = glyphs.round_ticks(low, high, 5)
+        ticks = np.array([[(x0, y1, z), (x0 - tick, y1, z)] for z in values]).reshape(-1, 2, 3)
+        rulers.append(("z", ticks[:, 1] - [0.6 * tick, 0.0, 0.0], values, "center-right"))
+        text, place = f"z {low:z.2f} to {high:z.2f} m", (x1, y1 + marker_radius, high)
+        parts += [
+            lines("frame_uprights", glyphs.stems(glyphs.lift(corners, low), high), theme.grid, 1.5),
+            lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
+            lines(HEIGHT_TICKS, ticks, theme.foreground, 1.0),
+            Label("frame/range", text, place, "bottom-right"),
+            Label("frame/z", "z (m)", (x0, y1, high + 3 * marker_radius), "bottom-center"),
+        ]
+    for axis, places, values, anchor in rulers:
+        for i, ((x, y, z), text) in enumerate(zip(places.tolist(), glyphs.tick_texts(values), strict=True)):
+            parts.append(Label(f"frame/{axis}{i}", text, (x, y, z), anchor))
+    return parts
 
 
 def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Part]:
