@@ -109,7 +109,9 @@ class Room:
         check(self, "room.")
         for corner in self.outline or ():
             require_point("room.outline", corner, (2,))
-        if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell_size**2):
+        x, y = self.vertices.T
+        area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2  # m^2, shoelace formula
+        if self.outline is not None and (len(self.outline) < 3 or area < self.cell_size**2):
             raise InputError("room.outline encloses no area", "give three or more corners", key="room.outline")
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
         if cells > LIMITS.cells:
@@ -141,12 +143,6 @@ class Room:
             return np.array(self.outline, dtype=float)
         width, depth = (self.size or (0.0, 0.0))[:2]
         return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
-
-    @property
-    def area(self) -> float:
-        """Area of the outline, m^2 (shoelace formula)."""
-        x, y = self.vertices.T
-        return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
 
 class Band(typing.NamedTuple):
@@ -194,7 +190,7 @@ class Source:
             if place in self.places[:number]:
                 raise InputError(f"{key} = {list(place)} m is given twice", "move it to another position", key=key)
         check(self, "source.")
-        pulsed = self.dimension == 2
+        pulsed = len(self.places[0]) == 2
         for key, default in self.DEFAULTS._asdict().items():
             value = getattr(self, key)
             if not pulsed and value is not None:
@@ -204,11 +200,6 @@ class Source:
         if pulsed and not self.band.low < self.band.high < self.band.sample_rate / 2:
             why = f"is not in source.low = {self.low:g} Hz to half of source.sample_rate = {self.sample_rate:g} Hz"
             raise refusal("source.high", self.high, why, "change one of the three", "Hz")
-
-    @property
-    def dimension(self) -> int:
-        """Number of coordinates of its positions, 2 or 3."""
-        return len(next(iter(self.places)))
 
     @property
     def places(self) -> tuple[Point, ...]:

@@ -33,7 +33,7 @@ from ..recordings.frequencies import NothingAboveNoise
 from ..recordings.impulse_response import WrapsRound
 from ..recordings.recording import ImportOptions, Recording, select_channels
 from ..recordings.synchrony import ClockFault, channel_delays
-from ..solvers import arrival_misfits
+from ..solvers.robust.arrivals import arrival_misfits
 from .calibration_run import solve
 from .sources import CalibrationInput, ProgressReport, compared_with_file, is_recording, load_input, measurement_input
 

@@ -27,16 +27,6 @@ PAPER = "descent"  # the paper's algorithm; no trait, because the page needs it 
 SHARED = {"interface", "levenberg_marquardt", "requirements", "starts"}
 
 
-def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
-    """Return the absolute residuals (T, N) float64, metres, of the arrivals at some positions; NaN without an arrival.
-
-    The result is None for a problem without arrivals.
-    """
-    from .robust import arrivals  # loads SciPy
-
-    return arrivals.arrival_misfits(problem, positions)
-
-
 @cache
 def names() -> list[str]:
     """Return the names of the solvers, without importing any."""
