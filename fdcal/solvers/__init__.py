@@ -47,7 +47,7 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
     from .requirements import mode_count
 
     solver = load(settings.name)
-    modes = mode_count(problem, solver.usable_modes(problem, settings), not solver.TRAITS.uses_likelihood)
+    modes = mode_count(problem, solver.usable_modes(problem, settings), not solver.TRAITS.moves_all)
     return replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
 
 

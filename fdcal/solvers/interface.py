@@ -207,13 +207,13 @@ class Traits:
     """Properties of a solver."""
 
     settings: frozenset[str]  # fields of `SolverSettings` that change what it does
-    moves_all: bool  # whether a step moves all free microphones; otherwise one
+    # whether a step moves all free microphones, by the likelihood of the pressures; otherwise one of them, by Eq. 7
+    moves_all: bool
     needs_search: bool = False  # whether it needs a search domain, whose lattice it searches
     adds_modes: bool = False  # whether it adds modes by itself while it runs
     # values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
     starts: tuple[str, ...] = ()
     draws_order: bool = False  # whether the seed matters beyond a random start
-    uses_likelihood: bool = False  # whether it minimises a likelihood: the covariance of all microphones in each mode
 
     @property
     def default_start(self) -> str | None:
@@ -269,7 +269,7 @@ def time_limit(problem: Problem, modes: int) -> float:
 
 def require_affordable(problem: Problem, settings: SolverSettings, traits: Traits) -> None:
     """Raise InputError for a problem that needs too much memory, or whose known microphones are too far apart."""
-    if not traits.uses_likelihood:
+    if not traits.moves_all:
         return
     count, modes = problem.pressures.shape[1], min(settings.modes, len(problem.pressures))
     if count**2 * modes > LIMITS.pairs:

@@ -80,16 +80,15 @@ class CostMapRequest:
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     """Return name and unit of the quantity of a map: that which the method minimises, or Eq. 7."""
-    traits = run.solver.TRAITS
-    name = "cost of the method" if traits.moves_all else "cost, Eq. 7"
+    together = run.solver.TRAITS.moves_all
     if request.order_offset is not None:
-        name = "Eq. 7, for comparison" if traits.moves_all else name
+        name = "Eq. 7, for comparison" if together else "cost, Eq. 7"
         return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
-    if traits.uses_likelihood:
+    if together:
         unit = "dB re the highest" if request.style.log else "nats"
         return f"negative log-likelihood above its lowest ({unit})"
     # of the pressures as they are
-    return f"{name} ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
+    return f"cost, Eq. 7 ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
 NAT = 1.0  # difference of log-likelihoods below which two positions fit equally well
@@ -100,7 +99,7 @@ def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest:
 
     `lowest` is by default that of `cost`. A difference is at least NAT, so that its logarithm is finite.
     """
-    if request.order_offset is not None or not run.solver.TRAITS.uses_likelihood:
+    if request.order_offset is not None or not run.solver.TRAITS.moves_all:
         return cost
     return np.maximum(cost - (cost.min() if lowest is None else lowest), NAT)
 

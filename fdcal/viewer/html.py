@@ -154,7 +154,7 @@ def drawings_html(marks: dict[str, str]) -> str:
 
 # Words of Explore for those of Expert.
 EXPLORE = {
-    "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison", "cost of the method": "misfit",
+    "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison",
     "negative log-likelihood above its lowest": "misfit",
     "negative log-likelihood": "misfit", "modes": "frequencies", "mode": "frequency",
 }  # fmt: skip

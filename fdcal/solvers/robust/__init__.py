@@ -34,7 +34,6 @@ TRAITS = Traits(
     settings=frozenset(
         {"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma"}
     ),
-    uses_likelihood=True,
 )
 
 
