@@ -50,15 +50,16 @@ STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # number of steps of a stage at most
 # nats; a stage ends when the cost falls by less. With 0.2 instead of 0.05 one circle of 8 microphones is not found to
 # be flat, and ends 10 instead of 5 mm off.
 DECREASE, LAST_DECREASE = 10.0, 0.05
-# nats over the dispersion by which one more wave must decrease the cost. The ninth wave of a ball of 32 microphones
-# in a dry room brings 200, and the error falls; the second of a circle of 8 brings 60, and the error stays
-WAVE_NATS = 100.0
+# nats over the dispersion by which one more wave must decrease the cost of every second frequency, on which waves are
+# sought to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
+# second of a circle of 8 brings 30, and the error stays
+WAVE_NATS = 50.0
 MAX_WAVES = 10  # of a take
 ROUNDS = 2  # iterations of the dispersion lambda
 # nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43,
-# upright panels by up to 126; of a ball of 32 whose source is near the middle of the room one microphone can stand at
-# its mirror image for 23, and of other balls for 210 or more
-MISFIT_NATS = 50.0
+# upright panels by up to 126. If the source is near the middle of a room, one microphone of a ball of 32 can stand at
+# its mirror image for 35 to 70; other balls lose 210 or more
+MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
 MAX_EXAMINED = 4  # number of microphones whose other place is tried, to save time
@@ -205,15 +206,16 @@ def fitted(
     for positions, stages in starts:
         field, cost = first_field(positions, takes), np.inf
         for top in stages:
-            part = _up_to(likelihood, max(top, lowest))
+            part = _of_groups(likelihood, k <= max(top, lowest))
             field, _ = _minimised(part, first_field(field.positions, takes), axes)
             field, cost = _minimised(part, with_wave(part, field), axes)
         ended.append((field, cost))
-    field, _ = _minimised(likelihood, min(ended, key=lambda one: one[1])[0], axes)
-    field, cost = _minimised(likelihood, field, axes, spectrum=5, steps=LAST_STEPS)
+    half = _of_groups(likelihood, np.unique(k, return_inverse=True)[1] % 2 == 0)
+    field, _ = _minimised(half, min(ended, key=lambda one: one[1])[0], axes)
+    field, cost = _minimised(half, field, axes, spectrum=5, steps=LAST_STEPS)
     while field.curvature.shape[1] < MAX_WAVES:
-        more, lower = _minimised(likelihood, with_wave(likelihood, field), axes, spectrum=5, steps=WAVE_STEPS)
-        if cost - lower < WAVE_NATS * _dispersion(likelihood, more, axes, spectrum=5):
+        more, lower = _minimised(half, with_wave(half, field), axes, spectrum=5, steps=WAVE_STEPS)
+        if cost - lower < WAVE_NATS * _dispersion(half, more, axes, spectrum=5):
             break
         field, cost = more, lower
     (start, axes), *standing = upright(field, axes)
@@ -239,9 +241,8 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
     return MODEL_EXCESS * (fixed @ inverse[np.ix_(at, at)] @ fixed)
 
 
-def _up_to(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
-    """Return the likelihood of the wavenumbers up to `top`, rad/m."""
-    kept = likelihood.wavenumbers <= top
+def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:
+    """Return the likelihood of the groups that are `kept`, (G,) bool."""
     return replace(
         likelihood,
         wavenumbers=likelihood.wavenumbers[kept],
@@ -259,25 +260,30 @@ def with_rival(
     plane of symmetry of the room, so is the field, and a microphone beyond that plane may stand at its mirror image.
     """
     k = likelihood.wavenumbers
-    low, part = (_up_to(likelihood, max(top, float(np.unique(k)[:4][-1]))) for top in (LOW_BAND, STAGES[-1]))
+    low, part = (_of_groups(likelihood, k <= max(top, np.unique(k)[:4][-1])) for top in (LOW_BAND, STAGES[-1]))
     low = replace(low, dispersion=_dispersion(low, field, axes, spectrum=5))
     places, gaps = other_places(low, field, axes, APART / LOW_BAND)
     gaps[~sought] = np.inf
-    cost, cost_of_part = (one.terms(field, False).cost for one in (likelihood, part))
+    tried = list[tuple[float, ShortField]]()
     for n in np.argsort(gaps)[:MAX_EXAMINED]:
         if gaps[n] > 2 * MISFIT_NATS:
             break
         x = np.array(field.positions)
         x[n] = places[n]
         found, other = _minimised(part, replace(field, positions=x), axes, spectrum=7, channels=True, least=1.0)
-        if other > cost_of_part + 2 * MISFIT_NATS:
-            continue
-        found, other = _minimised(likelihood, found, axes, spectrum=7, channels=True, least=1.0)
-        moved = np.linalg.norm(align(found.positions, field.positions) - field.positions, axis=1)
-        if moved.max() > APART / LOW_BAND and other < cost + MISFIT_NATS:
-            better, rival = (found, field) if other < cost else (field, found)
-            return better, rival.positions[:, axes] if other > cost - MISFIT_NATS else None
-    return field, None
+        moved = np.linalg.norm(align(found.positions, field.positions) - field.positions, axis=1).max()
+        if moved > APART / LOW_BAND:
+            tried.append((other, found))
+    if not tried:
+        return field, None
+    found, other = _minimised(
+        likelihood, min(tried, key=lambda one: one[0])[1], axes, spectrum=7, channels=True, least=1.0
+    )
+    cost = likelihood.terms(field, False).cost
+    if other > cost + MISFIT_NATS:
+        return field, None
+    better, rival = (found, field) if other < cost else (field, found)
+    return better, rival.positions[:, axes] if other > cost - MISFIT_NATS else None
 
 
 def _minimised(
