@@ -109,9 +109,7 @@ class Room:
         check(self, "room.")
         for corner in self.outline or ():
             require_point("room.outline", corner, (2,))
-        x, y = self.vertices.T
-        area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2  # m^2, shoelace formula
-        if self.outline is not None and (len(self.outline) < 3 or area < self.cell_size**2):
+        if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell_size**2):
             raise InputError("room.outline encloses no area", "give three or more corners", key="room.outline")
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / (self.cell or math.inf)))  # from the origin on
         if cells > LIMITS.cells:
@@ -143,6 +141,12 @@ class Room:
             return np.array(self.outline, dtype=float)
         width, depth = (self.size or (0.0, 0.0))[:2]
         return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
+
+    @property
+    def area(self) -> float:
+        """Area of the outline, m^2 (shoelace formula)."""
+        x, y = self.vertices.T
+        return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
 
 
 class Band(typing.NamedTuple):
