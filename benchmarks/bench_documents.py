@@ -61,14 +61,14 @@ def scenes() -> str:
 def leave_one_out() -> str:
     """Leave-one-out errors of draws of array 2 and the ball."""
     lines = [
-        "| | leave-one-out error | worst frequency | worst microphone | error of the field inside the array | position"
-        " error, RMS, median draw | draws not found |",
-        "|---|---|---|---|---|---|---|",
+        "| | leave-one-out error | worst frequency | worst microphone | position error, RMS, median draw | draws not"
+        " found |",
+        "|---|---|---|---|---|---|",
     ]
     for name, snr, words in (("array2_random", 40, "array 2, 40 dB"), ("array2_random", 20, "array 2, 20 dB"),
                              ("ball3d", 40, "`ball3d`, 40 dB")):  # fmt: skip
         found = bench_leave_one_out.figures_of(name, snr)
-        cells = [f"{found[key].value:.1f} dB" for key in ("whole", "modes", "microphones", "inside")]
+        cells = [f"{found[key].value:.1f} dB" for key in ("whole", "modes", "microphones")]
         place, lost = found["median"].value, found["lost"]
         lines.append(f"| {words} | {' | '.join(cells)} | {place:.2g} mm | {lost.value:g} {lost.unit} |")
     return "\n".join(lines)

@@ -1,7 +1,6 @@
 """Leave-one-out error: how well the other microphones predict each one, and what that says about the positions.
 
-Frequencies up to 300 Hz; RMS over draws of source, noise and, for array 2, array. "Inside" compares the field mapped
-from the estimated positions with the field of the room, at random points inside the array.
+Frequencies up to 300 Hz; RMS over draws of source, noise and, for array 2, array.
 """
 
 import os
@@ -9,19 +8,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.assessment.field import cross_validate, interpolated
-from fdcal.model.problem import mode_power
-from fdcal.model.scene import load_scene
+from fdcal.assessment.field import cross_validate
 
-from .draws import Draw, Outcome, draw, pooled, solve, source_of
+from .draws import Draw, draw, pooled, solve
 from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
 MODES = {"array2_random": 67, "ball3d": 57}  # up to 300 Hz
 TARGETS = {("array2_random", 40): -35.0, ("array2_random", 20): -17.0}  # dB
 ASIDE = (1.0, 3.0, 10.0, 30.0)  # mm, that microphones are put aside
-POINTS = 200
 
 
 def run() -> Iterator[Figure]:
@@ -39,7 +34,6 @@ def figures_of(name: str, snr: int) -> dict[str, Figure]:
     words, limit = f"{name}, {snr} dB", TARGETS.get((name, snr))
     whole = _mean_db([r.overall for r in reports])
     target = ("", None) if limit is None else (f"at most {limit:g}", whole <= limit)
-    inside = [_inside(name, seed, d, o) for seed, (d, o) in enumerate(zip(drawn, outcomes, strict=True))]
     truths = [_report(d, d.measurement.positions) for d in drawn]
     return {
         "whole": Figure(f"{words}: leave-one-out error, {len(drawn)} draws pooled", whole, "dB", *target),
@@ -49,7 +43,6 @@ def figures_of(name: str, snr: int) -> dict[str, Figure]:
             f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB"
         ),
         "true": Figure(f"{words}: at the true positions", _mean_db([r.overall for r in truths]), "dB"),
-        "inside": Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB"),
         "position": Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm"),
         "median": Figure(f"{words}: of the median draw", 1e3 * float(np.median([o.rms for o in outcomes])), "mm"),
         "lost": Figure(f"{words}: draws more than 0.1 m off", sum(o.rms > 0.1 for o in outcomes), f"of {len(drawn)}"),
@@ -63,25 +56,6 @@ def _report(drawn: Draw, positions):
 
 def _mean_db(values) -> float:
     return float(10 * np.log10(np.mean(10 ** (np.array(values) / 10))))
-
-
-def _inside(name: str, seed: int, drawn: Draw, outcome: Outcome) -> float:
-    """Error of the mapped field over the room's own, dB, at weighted means of the microphones."""
-    m = drawn.measurement
-    rng = np.random.default_rng(seed)
-    weights = rng.dirichlet(np.ones(8), POINTS)
-    chosen = rng.integers(0, m.count, (POINTS, 8))
-    points = np.einsum("pi,pid->pd", weights, m.positions[chosen])
-    truth = room_field(name, seed, points, m.wavenumbers)
-    mapped, _ = interpolated(m.problem("raw"), outcome.positions, points, slice(0, len(truth)), m.noise_power)
-    return float(10 * np.log10(np.mean(mode_power(mapped - truth) / mode_power(truth))))
-
-
-def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
-    """Pressure (M, P) of draw `seed` of scene `name` at other `points` (P, D), metres."""
-    scene = load_scene(name)
-    source = source_of(scene, np.random.default_rng([seed, 2]))
-    return point_source_pressures(scene.room, source, points, wavenumbers)
 
 
 def figures_aside() -> Iterator[Figure]:

@@ -25,7 +25,7 @@ HOMES = {
     "viser": {"viewer"},
     "pyvista": {"graphics.snapshot"},
     "vtk": {"graphics.snapshot"},
-    "vtkmodules": {"graphics.exports", "graphics.volume"},
+    "vtkmodules": {"graphics.volume"},
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session", "acoustics.compiled"},

@@ -1,4 +1,4 @@
-"""Commands for recordings and files of other programs: `import`, `export`, `correct`, `doctor` and `record`."""
+"""Commands for recordings and files of other programs: `import`, `export`, `doctor` and `record`."""
 
 import sys
 from pathlib import Path
@@ -14,7 +14,6 @@ from ..model.validation import InputError, StorageError, convert, within
 from ..recordings import export as exports
 from ..recordings import formats
 from ..recordings.formats.positions import read_positions
-from ..recordings.formats.sound import SUFFIXES as FLOAT_SUFFIXES
 from ..recordings.recording import ImportOptions
 from ..session.process import interrupts
 from ..session.sources import compared_with_file, measurement_input
@@ -64,25 +63,6 @@ def export(result, output, frame, table, force):
         print(f"{path}: gains of {len(found.names)} channels")
     else:
         print(f"{path}: {len(found.names)} microphones, frame: {placed_in_frame(found, frame).frame}")
-
-
-@click.command()
-@click.argument("recording", metavar="RECORDING")
-@click.argument("result", metavar="RESULT.json")
-@opt.output_option("FILE.wav")
-@opt.force_option
-def correct(recording, result, output, force):
-    """Take the differences of the channels out of a recording.
-
-    Gains, phases, polarity, delays and the order of the channels are corrected as RESULT found them with solver robust;
-    the file has 32-bit floats.
-    """
-    path = opt.output_path(output, FLOAT_SUFFIXES, force, recording, result)
-    recorded = formats.read(recording)
-    correction = exports.correction_of(load_result(result), recorded)
-    exports.write_corrected(path, recorded, correction, force)
-    print(exports.correction_summary(correction, recorded.names))
-    print(path)
 
 
 @click.command()
@@ -224,4 +204,4 @@ def _answer(this: str, following: str) -> str:
         return "q"
 
 
-COMMANDS = (import_, export, correct, doctor, record)
+COMMANDS = (import_, export, doctor, record)

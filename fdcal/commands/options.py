@@ -136,7 +136,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
 NAMED_ALIKE = (
     "array_dimension check device dimension takes exclude force frame frequencies host kind known "
     "channels known_sigma leave_out max_rows microphone modes port positions reference "
-    "rate room seconds seed solver sound_speed source split step subset table temperature windows "
+    "rate room seconds seed solver sound_speed source split subset table temperature windows "
     "gains noise start sound_speed_sigma"
 )
 OPTIONS = {

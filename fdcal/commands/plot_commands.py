@@ -1,4 +1,4 @@
-"""Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
+"""Commands that draw: `landscape`, `snapshot`, `replay` and `gallery`."""
 
 from dataclasses import replace
 
@@ -23,18 +23,17 @@ from .report import error_title
 @opt.option("--microphone N", "The microphone to move: its name, or its number from 0.", required=True)
 @opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1, as 1-3,9.  [default: 1,5,9]")
 @opt.result_option
-@opt.output_option("FIG.png|svg|vti")
+@opt.output_option("FIG.png|svg")
 @opt.force_option
 def landscape(source, microphone, mode_numbers, result, output, force):
     """Draw the cost of moving one microphone, mode by mode.
 
     The modes are summed, too, as in Fig. 1 of the paper.
 
-    The suffix selects the format: a picture, a drawing, or numbers for ParaView. The other microphones stand at their
-    true positions, or at those of a result. Of an array in space there are numbers alone, in three dimensions and
-    summed over all modes.
+    The suffix selects a picture or a drawing. The other microphones stand at their true positions, or at those of a
+    result. `fdcal snapshot` draws the cost of an array in space.
     """
-    path = opt.output_path(output, [".png", ".svg", ".vti"], force)
+    path = opt.output_path(output, [".png", ".svg"], force)
     from ..cost.maps import landscape_panels
 
     inputs = opt.input_of(source)
@@ -43,28 +42,13 @@ def landscape(source, microphone, mode_numbers, result, output, force):
     measured = len(measurement.frequencies)
     modes = parse_modes(mode_numbers, measured) if mode_numbers else [one for one in (1, 5, 9) if one <= measured]
     positions = shown_positions(measurement, result and load_result(result))
-    if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
-        from ..graphics.exports import volume_vti
-        from ..graphics.volume import volume_around
-
-        sampled = volume_around(inputs, positions, n, measured)
-        text = volume_vti(sampled.cost, sampled.search)
-        write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
-        lowest = ", ".join(f"{x:.4g}" for x in sampled.minima.lowest[0])
-        print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({lowest}) m")
-        return
     searched = replace(measurement, search=search_around(positions, measurement.search))
     problem = searched.problem(inputs.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
-    if path.suffix.lower() == ".vti":
-        from ..graphics.exports import landscape_vti
+    from ..graphics.figures import draw_landscape, figure_bytes
 
-        content = landscape_vti(panels).encode()
-    else:
-        from ..graphics.figures import draw_landscape, figure_bytes
-
-        truth = None if measurement.positions is None else measurement.positions[n]
-        content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])
+    truth = None if measurement.positions is None else measurement.positions[n]
+    content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
@@ -77,33 +61,6 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
     if measurement.positions is None:
         raise InputError("the measurement holds no true positions", "give those of a result: <result>", key="result")
     return measurement.positions
-
-
-@click.command()
-@click.argument("source", metavar="SCENE|FILE")
-@opt.result_option
-@opt.option("--frequencies HZ,HZ,...", "Measured frequencies.  [default: lowest, middle and highest]", type=opt.numbers)
-@opt.option("--step METRES", "Lattice step.  [default: a 60th of the longest side]", type=float)
-@opt.output_option("FILE.npz|csv|png")
-@opt.force_option
-def field(source, result, frequencies, step, output, force):
-    """Map the sound field inside the array.
-
-    The positions are those of a result (--result), or those in the input.
-    """
-    from ..assessment.field import field_map
-    from ..graphics.exports import FIELD_WRITERS
-
-    path = opt.output_path(output, sorted(FIELD_WRITERS), force, source, result)
-    found = result and load_result(result)
-    inputs = opt.input_of(source, excluded=found.excluded if found else ())
-    if frequencies is None and found is not None:
-        frequencies = [found.frequencies[i] for i in (0, len(found.frequencies) // 2, -1)]
-    positions, speed = shown_positions(inputs.measurement, found), None if found is None else found.sound_speed
-    mapped = field_map(inputs.measurement, positions, frequencies, step, speed)
-    write_atomically(path, lambda file: FIELD_WRITERS[path.suffix.lower()](file, mapped), force)
-    listed = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
-    print(f"{path}: pressure at {listed} Hz, {len(mapped.points)} points inside {inputs.measurement.count} microphones")
 
 
 @click.command()
@@ -196,4 +153,4 @@ def gallery(output: str, force: bool):
     print(f"{output}: {len(sizes)} pages, {sum(sizes) / 1e6:.2g} MB; open {output}/index.html")
 
 
-COMMANDS = (landscape, field, snapshot, replay, gallery)
+COMMANDS = (landscape, snapshot, replay, gallery)

@@ -18,7 +18,7 @@ from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.marks import ESTIMATE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene import folder_of, load_scene
+from fdcal.model.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -96,8 +96,6 @@ def test_landscape_finds_the_true_place_and_draws_and_writes_it(made, tmp_path):
     assert f"at ({x:.4g}, {y:.4g}) m" in out
     done("landscape", "tiny", "--microphone", 9, "--mode-numbers", "20", "-o", "fig.svg", folder=tmp_path)
     assert "mode 20" in (tmp_path / "fig.svg").read_text()
-    done("landscape", "tiny", "--microphone", 9, "-o", "map.vti", folder=tmp_path)
-    assert 'Name="sum"' in (tmp_path / "map.vti").read_text()
 
 
 def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, refused):
@@ -108,13 +106,6 @@ def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, re
     dark, bright = to_rgb(np.array([0.0, 1.0])).astype(int)
     for colour in (dark, bright, ESTIMATE):
         assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 5, colour
-
-
-def test_the_cost_of_an_array_in_space_is_written(tmp_path):
-    scene = tmp_path / "ball.toml"
-    scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
-    printed = done("landscape", scene, "--microphone", 10, "-o", "ball.vti", folder=tmp_path)
-    assert "least cost" in printed and 'Name="cost_dB"' in (tmp_path / "ball.vti").read_text()
 
 
 def test_a_damaged_scene_is_named_and_the_others_are_listed(tmp_path, monkeypatch, capsys):

@@ -14,7 +14,6 @@ from PIL import Image
 
 from fdcal.assessment.result_file import position_table
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
-from fdcal.graphics import exports
 from fdcal.graphics.figures import draw_landscape, figure_bytes
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, WAVE_POINTS, cost_floor, relief_grid, wave_floor
 from fdcal.graphics.marks import drape
@@ -154,20 +153,6 @@ def solid():
     return Measurement(
         [100.0, 150.0], pressures, 343.0, 3, names=names, positions=rng.normal(size=(9, 3)), known=[1, 4, 5, 6]
     )
-
-
-def test_a_landscape_for_paraview(measured, tmp_path):
-    import pyvista
-
-    measurement, problem = measured
-    panels = landscape_panels(problem, measurement.positions, 9, [2, 5], 2)
-    (tmp_path / "map.vti").write_text(exports.landscape_vti(panels), encoding="utf-8")
-    grid, search = pyvista.read(tmp_path / "map.vti"), problem.search
-    assert grid.dimensions == (*search.shape, 1) and np.allclose(grid.origin, (*search.origin, 0.0))
-    assert set(grid.point_data) == {*(f"mode {m}, {problem.frequencies[m - 1]:.2f} Hz" for m in (2, 5)), "sum"}
-    assert np.array_equal(grid["sum"].reshape(search.shape[::-1]), panels.maps[-1])
-    lowest = grid.points[grid["sum"].argmin()]
-    assert np.allclose(lowest, (*measurement.positions[9], 0.0)), "the minimum lies at the true place"
 
 
 def test_the_table_of_microphones_is_complete(measured, solid):

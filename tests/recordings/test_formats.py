@@ -553,7 +553,6 @@ def test_sofa_is_written_by_the_numbers_of_the_channels(tmp_path):
 
 COMMANDS = (
     ["export", "r.json", "-o", "r.json"],
-    ["field", "m.npz", "-o", "m.npz"],
     ["import", "m.npz", "-o", "m.npz"],
     ["import", "a.wav", "--reference", "m.npz", "-o", "m.npz"],
 )
