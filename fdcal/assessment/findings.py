@@ -14,7 +14,7 @@ A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputE
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -22,7 +22,7 @@ import numpy as np
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
-from ..model.validation import length_text
+from ..model.validation import frozen_array, length_text
 from ..solvers.interface import Estimate
 from .calibration import OF_LIST, ChannelFault
 from .channels import MAX_NOISE
@@ -76,72 +76,65 @@ class Judged:
     scale: float | None  # sound speed from a given distance, over that of the problem; None without a distance
     single_wave: bool  # whether the field has hardly any reflections, so that channels cannot be checked
 
-    @property
-    def healthy(self) -> np.ndarray:
-        """Which channels have no fault : (N,) bool."""
-        return ~np.isin(np.arange(len(self.covariance)), list(self.faulty))
+    # what follows from these
+    healthy: np.ndarray = field(init=False)  # (N,) bool, which channels have no fault
+    by_rows: bool = field(init=False)  # whether only the pressures of the modes determine the positions, not windows
+    # Faulty channels and wrong given positions that the model does not explain. Gain, polarity, delay and high-pass are
+    # parameters of the model, so that such a channel has a normal residual.
+    unexplained: Sequence[ChannelFault] = field(init=False)
+    wrong_given: Sequence[ChannelFault] = field(init=False)  # the given positions that the pressures contradict
+    sigma: float = field(init=False)  # metres, root mean square of one sigma over the healthy microphones
+    uncertain: float = field(init=False)  # metres, the same with the spread of the search added
+    radius: float = field(init=False)  # metres, root mean square distance of the healthy ones from their centre
+    f_max: float = field(init=False)  # Hz, highest frequency that the healthy microphones can interpolate (Eq. 9)
+    highest: float = field(init=False)  # Hz, highest frequency in use
+    noise_fraction: float = field(init=False)  # noise found over the mean power of the pressures
+    # median of the given noise of the modes in use, as a fraction of the power; None if no noise is given
+    given_noise: float | None = field(init=False)
+    step_left: float = field(
+        init=False
+    )  # largest Newton step left of a healthy microphone, in sigmas of the coordinate
+    residual_to_noise: float = field(init=False)  # reduced chi-square of the pressures of the healthy channels
+    noisiest: int = field(init=False)  # unknown microphone with the largest noise among the healthy ones; -1 if none
+    # sound speed that follows from given lengths, over that of the measurement, and one sigma of the ratio
+    speed: tuple[float, float] = field(init=False)
 
-    @property
-    def by_rows(self) -> bool:
-        """Whether only the pressures of the modes determine the positions, not short windows."""
-        return not self.estimate.window_ratio
-
-    @property
-    def unexplained(self) -> list[ChannelFault]:
-        """Faulty channels and wrong given positions that the model does not explain.
-
-        Gain, polarity, delay and high-pass are parameters of the model, so that such a channel has a normal residual.
-        """
-        kinds, noise = ("dead", "noisy", "misplaced", "exchanged"), self.estimate.channels.noise
-        return [one for n, one in self.faulty.items() if one.kind in kinds or noise[n] > MAX_NOISE]
-
-    @property
-    def sigma(self) -> float:
-        """Root mean square of one sigma over the healthy microphones, metres."""
-        return root_mean_square(one_sigma(self.covariance)[self.healthy])
-
-    @property
-    def uncertain(self) -> float:
-        """The same, with the spread of the search added, metres."""
-        return float(np.hypot(self.sigma, root_mean_square(self.search[self.healthy])))
-
-    @property
-    def f_max(self) -> float:
-        """Highest frequency, Hz, that the healthy microphones can interpolate (Eq. 9)."""
-        problem = self.estimate.problem
-        return array_f_max(self.estimate.positions[self.healthy], problem.sound_speed, problem.dimension)
-
-    @property
-    def highest(self) -> float:
-        """Highest frequency in use, Hz."""
-        return float(self.estimate.problem.frequencies[self.estimate.modes][-1])
-
-    @property
-    def noise_fraction(self) -> float:
-        """Noise found over the mean power of the pressures."""
-        return self.estimate.field.noise_fraction
-
-    @property
-    def given_noise(self) -> float | None:
-        """Median of the given noise of the modes in use, as a fraction of the power; None if no noise is given."""
-        noise = self.estimate.problem.noise_power
-        return None if noise is None else float(np.median(noise[self.estimate.modes]))
-
-    @property
-    def step_left(self) -> float:
-        """Largest Newton step left of a healthy microphone, in sigmas of the coordinate."""
-        spread, healthy = self.estimate.spread, self.healthy
-        sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither step nor sigma
-        return float(np.max(np.abs(spread.step[healthy]) / sigma[healthy], initial=0.0))
-
-    @property
-    def residual_to_noise(self) -> float:
-        """Reduced chi-square of the pressures of the healthy channels."""
-        field, channels, healthy = self.estimate.field, self.estimate.channels, self.healthy
-        v = field.noise[:, None] * channels.noise
-        parameters = self.estimate.problem.array_dimension + 2  # real parameters of a channel
-        freedom = np.sum((v * field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
-        return float(np.sum((v * np.abs(field.terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
+    def __post_init__(self) -> None:
+        estimate, problem, channels = self.estimate, self.estimate.problem, self.estimate.channels
+        healthy = ~np.isin(np.arange(len(self.covariance)), list(self.faulty))
+        kinds = ("dead", "noisy", "misplaced", "exchanged")
+        sigma = root_mean_square(one_sigma(self.covariance)[healthy])
+        placed = estimate.positions[healthy] if np.any(healthy) else estimate.positions
+        noise, spread = problem.noise_power, estimate.spread
+        step_sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither step nor sigma
+        v = estimate.field.noise[:, None] * channels.noise
+        parameters = problem.array_dimension + 2  # real parameters of a channel
+        freedom = np.sum((v * estimate.field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
+        chi_square = np.sum((v * np.abs(estimate.field.terms.weighted) ** 2)[:, healthy])
+        sought = np.setdiff1d(np.flatnonzero(healthy), problem.known)
+        computed = {
+            "healthy": frozen_array(healthy, bool),
+            "by_rows": not estimate.window_ratio,
+            "unexplained": [
+                one for n, one in self.faulty.items() if one.kind in kinds or channels.noise[n] > MAX_NOISE
+            ],
+            "wrong_given": [one for n, one in self.faulty.items() if n in problem.known and one.kind in OF_LIST],
+            "sigma": sigma,
+            "uncertain": float(np.hypot(sigma, root_mean_square(self.search[healthy]))),
+            "radius": root_mean_square(np.linalg.norm(placed - placed.mean(axis=0), axis=1)),
+            "f_max": array_f_max(placed, problem.sound_speed, problem.dimension),
+            "highest": float(problem.frequencies[estimate.modes][-1]),
+            "noise_fraction": estimate.field.noise_fraction,
+            "given_noise": None if noise is None else float(np.median(noise[estimate.modes])),
+            "step_left": float(np.max(np.abs(spread.step[healthy]) / step_sigma[healthy], initial=0.0)),
+            "residual_to_noise": float(chi_square / max(freedom, 1.0)),
+            "noisiest": int(sought[np.argmax(channels.noise[sought])]) if len(sought) else -1,
+            "speed": (float(np.exp(estimate.log_speed)), estimate.log_speed_sigma)
+            if self.scale is None
+            else (self.scale, self.scale_sigma),
+        }
+        for name, value in computed.items():
+            object.__setattr__(self, name, value)
 
     @property
     def uneven(self) -> np.ndarray:
@@ -152,7 +145,7 @@ class Judged:
         "noisy" count as well, because a source can cause their noise. If no other channel is uneven, however, these are
         faults of single channels, and no channel counts as uneven.
         """
-        channels, counted = self.estimate.channels, self.healthy
+        channels, counted = self.estimate.channels, self.healthy.copy()
         noisy = [n for n, one in self.faulty.items() if one.kind == "noisy"]
         counted[noisy] = True
         behind = channels.noise[counted]
@@ -160,25 +153,6 @@ class Judged:
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
         high &= behind * self.noise_fraction > UNEVEN_FRACTION
         return high & np.any(high & ~np.isin(np.flatnonzero(counted), noisy))
-
-    @property
-    def noisiest(self) -> int:
-        """The unknown microphone with the largest noise among the healthy channels; -1 if there is none."""
-        sought = np.setdiff1d(np.flatnonzero(self.healthy), self.estimate.problem.known)
-        return int(sought[np.argmax(self.estimate.channels.noise[sought])]) if len(sought) else -1
-
-    @property
-    def wrong_given(self) -> list[ChannelFault]:
-        """The given positions that the pressures contradict."""
-        known = self.estimate.problem.known
-        return [one for n, one in self.faulty.items() if n in known and one.kind in OF_LIST]
-
-    @property
-    def speed(self) -> tuple[float, float]:
-        """Sound speed that follows from given lengths, over that of the measurement, and one sigma of the ratio."""
-        if self.scale is None:
-            return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
-        return self.scale, self.scale_sigma
 
     def rival(self) -> np.ndarray:
         """Return how far each microphone is away in another optimum that is as likely : (N,), metres; 0 without one."""
@@ -201,11 +175,6 @@ UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
 RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
 RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an error of a few nats
-
-
-def rms_radius(positions: np.ndarray) -> float:
-    """Return the root mean square distance of positions (N, D), metres, from their centre, metres."""
-    return root_mean_square(np.linalg.norm(positions - positions.mean(axis=0), axis=1))
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -378,7 +347,7 @@ FINDINGS: tuple[Finding, ...] = (
                          " stand elsewhere, or the room causes this at its right position",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             2.3, "noise of a channel over that of the median one"),
-    Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * rms_radius(seen.estimate.positions[seen.healthy]),
+    Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * seen.radius,
             lambda seen: f"the positions are uncertain by {100 * seen.uncertain:.2g} cm",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record with less noise",
             0.1, "one sigma of the positions over the root mean square radius of the array"),

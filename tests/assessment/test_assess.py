@@ -255,7 +255,7 @@ def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
         v = noise[:, None] * tau
         terms = replace(field.terms, weighted=q / v, precision=1 / v)
         found = judged(replace(estimate, field=replace(field, noise=noise, terms=terms)), [""] * N)
-        return replace(found, faulty=()).residual_to_noise
+        return replace(found, faulty={}).residual_to_noise
 
     noise = field.noise * np.linspace(0.5, 2.0, M)
     expected = np.sum(np.abs(q) ** 2 / (noise[:, None] * tau)) / (M * N - N * (D + 2) / 2)
