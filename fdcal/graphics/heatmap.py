@@ -93,14 +93,12 @@ def cost_floor(
         white = (BRIGHTEST * np.clip(brightness - 1.0, 0.0, 1.0))[..., None]
         rgb = np.rint((1 - white) * dark * rgb + white * 255).astype(np.uint8)
     bar = ColourBar(low, high, label)
-    return lattice_floor(rgb, search, cost.shape, bar, lowest, height, minima=others, heights=heights)
+    return lattice_floor(rgb, search, bar, lowest, height, minima=others, heights=heights)
 
 
-def lattice_floor(
-    rgb: np.ndarray, search: Search, shape: tuple[int, ...], bar: ColourBar, lowest, height: float, **more
-) -> Floor:
+def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, height: float, **more) -> Floor:
     """Return a map over the cells of a lattice of (ny, nx) nodes, each in the middle of its cell."""
-    (ny, nx), step = shape, search.step
+    (ny, nx), step = rgb.shape[:2], search.step
     origin = (search.origin[0] - step / 2, search.origin[1] - step / 2)
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
@@ -156,6 +154,8 @@ def wave_floor(
     `n`: the microphone, counted from 0; `waves`: number, counted from 1, and name of each mode, MAX_WAVES at most;
     `height`: of the map, metres; `marked`: whether there are lines and diamonds.
     """
+    from contourpy import contour_generator
+
     from ..cost.maps import minima_of, mode_shape, refined  # loads SciPy, which a map of costs does not need
 
     assert problem.search is not None  # otherwise the page requests no map
@@ -165,23 +165,17 @@ def wave_floor(
     )
     bar = ColourBar(-1.0, 1.0, f"pressure of {waves[-1][1]} (normalised to a peak of 1)", DIVERGING_COLOUR_MAP)
     rgb = to_rgb((1 + np.clip(fields[-1], -1, 1)) / 2, DIVERGING_COLOUR_MAP)
-    crossings, names = np.zeros((0, 2)), [f"measures the same at {name.rpartition(', ')[2]}" for _, name in waves]
-    each = zip(names, fields, levels, strict=True)
-    curves = [Curve(name, contour(field, level, lattice)) for name, field, level in each if marked]
+    crossings, curves, shape = np.zeros((0, 2)), list[Curve](), fields[-1].shape
+    x, y = (low + lattice.step * np.arange(n) for low, n in zip(lattice.origin, shape[::-1], strict=False))
+    for (_, name), field, level in zip(waves, fields, levels, strict=True):
+        paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)] if marked else []
+        pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
+        segments = frozen_array(np.concatenate([np.zeros((0, 2, 2)), *pieces]), np.float32)
+        curves += [Curve(f"measures the same at {name.rpartition(', ')[2]}", segments)] if marked else []
     if marked and len(waves) > 1:
         misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
         crossings = minima_of(misfit.sum(axis=0), lattice).lowest
     lowest = tuple((float(x), float(y)) for x, y in crossings)
     captions = (("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
     more = {"show_minima": bool(lowest), "curves": tuple(curves), "captions": captions}
-    return lattice_floor(rgb, lattice, fields[-1].shape, bar, lowest, height, **more)
-
-
-def contour(field: np.ndarray, level: float, lattice: Search) -> np.ndarray:
-    """Return where a field (ny, nx) over a lattice has a value : line segments (S, 2, 2) float32, metres."""
-    from contourpy import contour_generator
-
-    x, y = (low + lattice.step * np.arange(n) for low, n in zip(lattice.origin, field.shape[::-1], strict=False))
-    paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)]
-    pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
-    return frozen_array(np.concatenate([np.zeros((0, 2, 2)), *pieces]), np.float32)
+    return lattice_floor(rgb, lattice, bar, lowest, height, **more)

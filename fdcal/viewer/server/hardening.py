@@ -14,6 +14,7 @@ encoded             an image is compressed quickly, not as small as possible
 """
 
 import asyncio
+import collections
 import contextlib
 import errno
 import functools
@@ -58,24 +59,24 @@ NOT_READING = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
 
-class RepeatFilter(logging.Filter):
-    """Shortens the log records of refused clients to one line, and keeps the 1st, 10th, 100th ... of each kind."""
+REFUSALS = collections.Counter[str]()  # log records of refused clients, of each kind
 
-    def __init__(self):
-        super().__init__()
-        self._counts: dict[str, int] = {}
 
-    def filter(self, record: logging.LogRecord) -> bool:
-        """Shorten a record; return whether it is kept."""
-        error, kind = record.exc_info[1] if record.exc_info else None, record.msg
-        if error is not None:
-            record.msg, record.args = f"{record.getMessage()} ({type(error).__name__}: {error})", ()
-        count = self._counts[kind] = self._counts.get(kind, 0) + 1
-        record.msg, record.args = printable(record.getMessage()), ()
-        record.exc_info = record.exc_text = record.stack_info = None
-        if count > 1:
-            record.msg += f" ({count} times so far)"
-        return count == 10 ** (len(str(count)) - 1)
+def shortened(record: logging.LogRecord) -> bool:
+    """Shorten a record of a refused client to one line; return whether it is the 1st, 10th, 100th ... of its kind."""
+    error, kind = record.exc_info[1] if record.exc_info else None, record.msg
+    if error is not None:
+        record.msg, record.args = f"{record.getMessage()} ({type(error).__name__}: {error})", ()
+    REFUSALS[kind] += 1
+    count = REFUSALS[kind]
+    record.msg, record.args = printable(record.getMessage()), ()
+    record.exc_info = record.exc_text = record.stack_info = None
+    if count > 1:
+        record.msg += f" ({count} times so far)"
+    return count == 10 ** (len(str(count)) - 1)
+
+
+log.addFilter(shortened)
 
 
 class GuardedConnection(ServerConnection):
@@ -147,9 +148,6 @@ def version_checked(handler: Handler) -> Handler:
             log.warning("a client sent a malformed message and was disconnected (%s)", type(error).__name__)
 
     return handle
-
-
-log.addFilter(RepeatFilter())
 
 
 Respond = Callable[..., Response | None]  # of a connection and a request
