@@ -18,7 +18,7 @@ from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.marks import ESTIMATE
 from fdcal.model.measurement import load_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene import load_scene
+from fdcal.model.scene import folder_of, load_scene
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -106,6 +106,16 @@ def test_a_snapshot_shows_the_map_and_the_result(made, tmp_path, one_painter, re
     dark, bright = to_rgb(np.array([0.0, 1.0])).astype(int)
     for colour in (dark, bright, ESTIMATE):
         assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 8).sum() > 5, colour
+
+
+def test_a_snapshot_of_an_array_in_space_shows_the_cost(tmp_path, one_painter):
+    scene, size = tmp_path / "ball.toml", ["--size", "400x300"]
+    scene.write_text((folder_of("scenes") / "ball3d.toml").read_text().replace("[solver]", "[solver]\nmodes = 6"))
+    pictures = []
+    for options in ([], ["--microphone", 10]):
+        done("snapshot", scene, *options, *size, "-o", "ball.png", "--force", folder=tmp_path)
+        pictures.append(np.asarray(Image.open(tmp_path / "ball.png"), int))
+    assert np.mean(np.abs(pictures[0] - pictures[1]).max(axis=-1) > 20) > 0.02, "isosurfaces and a map"
 
 
 def test_a_damaged_scene_is_named_and_the_others_are_listed(tmp_path, monkeypatch, capsys):

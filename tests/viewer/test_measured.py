@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fdcal.assessment.result_file import position_table
+from fdcal.assessment.words import count_label, modes_label, row_label
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.snapshot import legend_of
@@ -135,3 +136,28 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(tiny
         assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
         assert {"microphones/estimate", "microphones/true"} <= {solid.name for solid in picture.meshes}
+
+
+def test_the_domain_of_a_blind_array_lies_round_its_true_positions(tiny):
+    blind = replace(tiny, search=None, known=(), known_positions=None)
+    search = with_estimated_domain(blind, SolverSettings(name="joint", known="none", modes=12), 0).search
+    low = np.array(search.origin)
+    assert ((low < tiny.positions) & (tiny.positions < low + search.size)).all()
+
+
+def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
+    """As `fdcal calibrate` has it: by the microphones whose channels are sound."""
+    measurement, healthy = array.measurement, np.array([1, 2, 3, 4, 5])
+    positions = np.array(measurement.positions)
+    positions[0] += 0.05
+    assert measurement.errors(positions, healthy)[healthy] == pytest.approx(0, abs=1e-9)
+    assert measurement.errors(positions)[healthy].min() > 1e-3
+    left_out = html.status(array.session.view, measurement, sought=healthy, left_out=["M00"])
+    assert ">Healthy<" in left_out and "without microphone M00" in left_out
+
+
+def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement):
+    assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
+    assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
+    assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
+    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
