@@ -2,8 +2,8 @@
 
 Whether a minimum counts depends on its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest
 descent from neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is
-the lowest place where they touch. Passes are taken in ascending order: at each the two basins merge, and the one with
-the higher minimum ends. The climb from that minimum to the pass is its prominence. Only the passes are sorted, which
+the lowest place where they touch. Passes are taken in ascending order: at each the two basins merge. The climb from
+the higher of their two minima to the pass is the prominence of that minimum. Only the passes are sorted, which
 are a few per cent of the points.
 
 A minimum that is too shallow to count belongs to the basin that it joins.

@@ -9,8 +9,8 @@
     landscape_panels                the landscapes of one microphone, mode by mode and summed: the paper's Fig. 1
     mode_shape                      the sound field of one mode, as the microphones recorded it
 
-A lattice is far finer than the detail of the field. With microphone n at x, all costs are simple functions of two
-fields, such as r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
+The spacing of a lattice is far smaller than the detail of the field. With microphone n at x, all costs are simple
+functions of two fields, such as r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
 
     f(x)   prediction of the pressure at x by the other microphones, which has no wavenumber above k
     h(x)   variance of the error of this prediction, which has no wavenumber above 2 k

@@ -1,4 +1,4 @@
-"""The scale of a map of costs, and the rule for the marks on it, which page, pictures, files and replays share.
+"""The colour scale of a cost map, and the rule for the marks on it, common to page, pictures, files and replays.
 
 A map shows DECADES decades of cost below its highest value, or fewer if it spans fewer. A local minimum counts if the
 climb from it to a lower one exceeds the fraction DEPTH of this scale, which is 1 dB of the full 40 dB. Positions whose

@@ -1,4 +1,4 @@
-"""A plan: how exact an array will be calibrated, before anything is recorded, as numbers and in words.
+"""A plan: a forecast, before anything is recorded, of how exactly an array will be calibrated.
 
 A `PlanRequest` is an array, from a table, a geometry of Acoular, a scene or words such as "circle 16 0.2", and the
 circumstances of its calibration. The bound assumes that all frequencies are independent. They are not: the pressures in

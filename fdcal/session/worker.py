@@ -1,4 +1,4 @@
-"""Threads that carry out only the newest requests, for results that may arrive late; and a memo of the last result.
+"""Threads that carry out only the newest request of each computation, and a memo of the last result.
 
 Besides its main loop a page has three threads: that of its solver; `maps`, for computations that follow a pointer; and
 `jobs`, for longer ones. Only the newest request of each computation is carried out; older ones are dropped.

@@ -3,13 +3,13 @@
 May import: every package below it, from model to graphics.
 
 app              serve(): opens the server and the page
-page             what stays while sessions come and go, the main loop, and the view in the page's address
+page             the parts that outlive a session, the main loop, and the view in the page's address
 session_view     one session on the screen, and its picture
 panels           the run bar, the keys and the tabs of one session
 state            what the page shows, the choices of its users, and the controls that change them
-html             what the page says
+html             the texts of the page
 tabs             one module for each tab
-explore          the face Explore, and the files that a user uploads
+explore          the layout Explore, and the files that a user uploads
 prepare          from a request to a session that can be shown
 cost_maps        the map on the floor or in space, computed on threads
 scene3d          the scene: nodes and cameras

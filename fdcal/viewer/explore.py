@@ -1,7 +1,7 @@
-"""The face Explore: one bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
+"""The layout Explore: a bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
 
-A browser opens with it; "Expert" shows the panels instead. Each browser chooses its face (`server/page.js`), so that a
-lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
+A browser opens with it; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`), so that
+a lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
 the panels (`Binding.commands`). A mode of Expert is called a frequency here.
 
 Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for

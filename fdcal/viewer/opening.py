@@ -1,7 +1,7 @@
 """What the page opens with: a film, and the scene of its session.
 
-The film shows modes that are added to a map of many minima until one is left, and a microphone that rolls in. The film
-is part of the page's HTML: each browser plays it from its beginning without a message of the server (`film.js`), and
+In the film, modes are added to a map with many minima until one is left, and a microphone rolls into it. The film is
+part of the page's HTML: each browser plays it from its beginning without a message of the server (`film.js`), and
 the first touch ends it there. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 

@@ -1,4 +1,4 @@
-"""The panels of the face Expert: their tabs, which exist as long as the server, and the controls of a session in them.
+"""The panels of the layout Expert: their tabs, which last as long as the server, and the controls of a session.
 
 Since the tabs stay, a user who looks at a tab while another scene is opened sees the same tab afterwards. `Tabs` makes
 the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. At the top is the
@@ -35,7 +35,7 @@ RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 
 
 class Panels:
-    """Owns the main panel on the right, the panel on the left, and their tabs, which the face Explore hides.
+    """Owns the main panel on the right, the panel on the left, and their tabs, which the layout Explore hides.
 
     `line`, `bar`, `button`: progress of the session that is prepared, or why it was refused, and Cancel; `tabs`: of
     both panels by name, and RUN_BAR, the folder above the tabs; `overlay`: regions on the canvas; `wake`: makes the

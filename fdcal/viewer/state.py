@@ -4,10 +4,10 @@
 session file holds the choices of `Choices.to_save`.
 
 `Binding` creates the controls of a session. A control, its bounds and its effect are declared together:
-`binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With `command="snr"` the bar of the face Explore and the keys have the
-same effect under that name (`Binding.carry_out`). `server.hardening` drops values that a control cannot have. Callbacks
-are `async`, so that viser runs them in order on its own event loop. None of them blocks. viser sends a property only if
-it differs from what the browsers have.
+`binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With `command="snr"` the bar of the layout Explore and the keys have
+the same effect under that name (`Binding.carry_out`). `server.hardening` drops values that a control cannot have.
+Callbacks are `async`, so that viser runs them in order on its own event loop. None of them blocks. viser sends a
+property only if it differs from what the browsers have.
 """
 
 import math

@@ -12,7 +12,7 @@ Gains and given positions have Student t priors of NU degrees of freedom,
     -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
 
 where e is the deviation and d its number of components. Their long tails let the other entries overrule a wrong one.
-In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions that are
+In the Gauss-Newton matrix such a prior has the weight w = (NU + d) / (NU sigma^2 + e^2). Positions that are
 given exactly have no prior: their coordinates are not free (`Objective.free`).
 
 The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic

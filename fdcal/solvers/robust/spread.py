@@ -5,8 +5,8 @@
            or the arrivals of a take
     H_b    part of H that belongs to block b
 
-H is computed with a field that is `WEAKER_FIELD` times as powerful. This weakens the prior of an isotropic field: a
-combination of positions that becomes uncertain by it was determined by that prior and not by the wave equation. Without
+H is computed with the power of the field multiplied by `WEAKER_FIELD`, which weakens the prior of an isotropic field. A
+combination of positions that then becomes uncertain was determined by that prior and not by the wave equation. Without
 given positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its frame.
 
 A room is not the random field of the model, so that its blocks disagree by more, or less, than H says. The sandwich

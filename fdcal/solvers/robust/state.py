@@ -1,8 +1,8 @@
 """State of the likelihood solver, the stages of its schedule, and the numbers that several of its modules use.
 
-Numbers of one module stand above the function that uses them. A figure in their comment says what gets worse without
-the number on the field suite (482 cases, or those that the number concerns). Numbers without a figure bound time or
-memory, or set units.
+Constants that only one module uses stand there, above the function that uses them. A figure in the comment of a
+constant says how much the results of the suite `benchmarks field` (482 cases, or the cases concerned) get worse without
+it. Constants without a figure bound time or memory, or set units.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,8 @@
 """The tab Map: microphone, modes and kind of the map, its modes added one by one, and the power spectrum.
 
-A sweep adds modes to the map from the lowest up, or from a high one down, and counts the local minima on the way. Its
-maps are computed on a thread, on the same fine lattice as the maps that the page shows when nothing changes, so that
-they have the same local minima.
+The animation "Add modes one by one" adds modes to the map from the lowest up, or from a high one down, and counts the
+local minima of each sum. A thread computes its maps on the same fine lattice as those of a page at rest, so that both
+have the same local minima.
 """
 
 from collections.abc import Callable, Iterator
