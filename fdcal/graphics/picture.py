@@ -17,7 +17,7 @@ from ..model.validation import Reals, length_text
 from . import glyphs, marks
 from .heatmap import relief_sides
 from .marks import MARKS, Layer, drape, layer_height, lines, marked, mesh, on_layer, strokes
-from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme
+from .primitives import THEMES, Anchor, Colour, Floor, Label, Lines, Mesh, Picture, Theme, mixed
 
 if TYPE_CHECKING:  # the volume loads SciPy
     from .volume import Volume
@@ -27,6 +27,7 @@ Part = Lines | Mesh | Label
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room over its longer side
 MIN_SOURCE = 0.012  # a quarter of the least size of a source's mark, over the room's longer side, to be visible
+FAINTER = 0.32  # share of the background in the colour of less important lines
 EMPTY_MARGIN = 0.1  # m around the microphones if there is no search domain
 
 
@@ -117,7 +118,9 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
     if scene.room.dimension == 3:  # only the edges of a box, since its walls would hide the inside
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        first, colour, width = lines("room/box", box, theme.grid, 1.0), theme.quiet, 1.0  # its lines cross the array
+        # The lines of the box cross the array, so that they are fainter than the foreground.
+        colour, width = mixed(theme.foreground, theme.background, FAINTER), 1.0
+        first = lines("room/box", box, theme.grid, 1.0)
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)

@@ -31,11 +31,6 @@ class Theme:
     text: float = 1.0  # size of the texts, 1 for the usual one
     marks: float = 1.0  # size of the marks, likewise
 
-    @property
-    def quiet(self) -> Colour:
-        """A colour between foreground and background, for less important lines."""
-        return mixed(self.foreground, self.background, 0.32)
-
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
 DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
@@ -71,23 +66,21 @@ class ColourBar:
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
-        """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch."""
+        """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch.
+
+        Whole numbers up to a million are written in full, larger ones and small fractions as "2·10⁷".
+        """
         kept: list[tuple[float, str]] = []
         for value in round_ticks(self.low, self.high, 5).tolist():
-            fraction, text = (value - self.low) / (self.high - self.low), format_number(value, 4)
+            fraction, text = (value - self.low) / (self.high - self.low), f"{value:z.4g}"
+            mantissa, _, power = text.partition("e")
+            if 1e4 <= abs(value) < 1e6:
+                text = f"{value:.0f}"
+            elif power:
+                text = ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
             if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
                 kept.append((fraction, text))
         return tuple(kept)
-
-
-def format_number(value: float, digits: int) -> str:
-    """Return a number with `digits` significant digits: whole numbers up to a million in full, others as "2·10⁷"."""
-    if 10.0**digits <= abs(value) < 1e6:
-        return f"{value:.0f}"
-    mantissa, _, power = f"{value:z.{digits}g}".partition("e")
-    if not power:
-        return mantissa
-    return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
 
 
 @dataclass(frozen=True)

@@ -46,11 +46,6 @@ SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then 
 PEELS = 12  # layers of translucent surfaces that are sorted
 
 
-def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
-    """Return the camera of a snapshot: `camera_for` with margins for rulers, legend, title and colour bar."""
-    return camera_for(picture, size, view, margins(picture, size))
-
-
 def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     """Return the bytes of the PNG, drawn on the main thread of this process, which a wrong GL library may crash."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
@@ -63,7 +58,7 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     else:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background(fractions(picture.theme.background))
-    hidden, camera = HEIGHT_TICKS if view == "top" else None, camera_of(picture, size, view)
+    hidden, camera = HEIGHT_TICKS if view == "top" else None, camera_for(picture, size, view, margins(picture, size))
     if (floor := picture.floor) is not None:
         if floor.heights is not None:
             ground: Any = pyvista.StructuredGrid(*np.moveaxis(relief_grid(floor, floor.heights), 2, 0))

@@ -102,15 +102,13 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
 
     def blocks() -> Generator[Block, None, None]:
         arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # of whole numbers: a driver may deliver any float
-
-        def receive(samples, _frames, _time, status) -> None:
-            arrived.put((samples.T.copy(), bool(status.input_overflow)))
-
         size = round(BLOCK * fs)
         try:
             with sd.InputStream(
                 device=chosen, channels=count, samplerate=fs, dtype="int32", blocksize=size, latency="high",
-                callback=receive,
+                callback=lambda samples, _frames, _time, status: arrived.put(
+                    (samples.T.copy(), bool(status.input_overflow))
+                ),
             ):  # fmt: skip
                 while True:
                     samples, lost = arrived.get(timeout=PATIENCE)

@@ -215,15 +215,6 @@ class Traits:
     starts: tuple[str, ...] = ()
     draws_order: bool = False  # whether the seed matters beyond a random start
 
-    @property
-    def default_start(self) -> str | None:
-        """Start that is used unless another one is given; None if the solver has a start of its own."""
-        return self.starts[0] if self.starts else None
-
-    def uses_seed(self, start: str | None) -> bool:
-        """Return whether the seed changes a run from `start`."""
-        return self.draws_order or ("random" in self.starts and (start or self.default_start) == "random")
-
 
 class Solver(Protocol):
     """A solver: a module with these functions."""
@@ -231,30 +222,20 @@ class Solver(Protocol):
     State: type[Any]  # class of the states, a dataclass derived from `RunState`
     TRAITS: Traits
 
-    def init(self, problem: Problem, settings: SolverSettings, seed: int) -> Any:
-        """Return the first state. Raises InputError for what the solver cannot work on."""
-        ...
-
-    def step(self, problem: Problem, state: Any) -> Any:
-        """Return the state after one step; the same state if it is finished."""
-        ...
-
-    def use_modes(self, problem: Problem, state: Any, first: int, last: int, automatic: bool) -> Any:
-        """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from it."""
-        ...
+    # maps a problem, settings and a seed to the first state; raises InputError for what the solver cannot work on
+    init: Callable[[Problem, SolverSettings, int], Any]
+    step: Callable[[Problem, Any], Any]  # returns the state after one step; the same state if it is finished
+    # maps a problem, a state, the first and the last mode, counted from 1, and whether the solver may add modes, to the
+    # state with these modes in use, from which the solver continues
+    use_modes: Callable[[Problem, Any, int, int, bool], Any]
+    # returns what the solver has found in a state, which is all that the assessment of a result reads
+    result: Callable[[Problem, Any], Estimate]
+    usable_modes: Callable[[Problem, SolverSettings], int]  # how many of the lowest modes of a problem can be in use
 
     def landscape(
         self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
     ) -> np.ndarray:
         """Return the cost of microphone `n` over a lattice, the problem's unless given : (modes, ny, nx)."""
-        ...
-
-    def result(self, problem: Problem, state: Any) -> Estimate:
-        """Return what the solver has found, which is all that the assessment of a result reads."""
-        ...
-
-    def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:
-        """Return how many of the lowest modes of `problem` can be in use."""
         ...
 
 

@@ -59,19 +59,14 @@ def min_microphones(dimension: int) -> int:
     return 6 if dimension == 2 else 4
 
 
-def require_measured(problem: Problem, count: int) -> None:
-    """Raise InputError unless `count` modes were measured."""
-    measured = len(problem.pressures)
-    if count > measured:
-        message = f"solver.modes = {count}, but {measured} modes were measured"
-        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes")
-
-
 def require_range(problem: Problem, first: int, last: int) -> None:
     """Raise InputError unless modes `first` to `last`, counted from 1, were measured."""
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
-    require_measured(problem, last)
+    measured = len(problem.pressures)
+    if last > measured:
+        message = f"solver.modes = {last}, but {measured} modes were measured"
+        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes")
 
 
 MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the sound field
@@ -79,7 +74,7 @@ MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the soun
 
 def require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
-    require_measured(problem, count)
+    require_range(problem, 1, count)
     microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")

@@ -52,7 +52,7 @@ def serve(
 
             nodes = SceneNodes(server)
             if request is not None and begin is None:
-                nodes.show_cached(request)
+                nodes.show_room(request)
             from .page import Page
 
             page = Page(server, nodes, lessons, on_progress, is_loopback(host))

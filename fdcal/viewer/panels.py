@@ -138,11 +138,6 @@ UNITS: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
 STEPS = (*UNITS, "Restart")
 
 
-def watched_rate(first: float, elapsed: float) -> float:
-    """Return the steps per second of a run that is watched, `elapsed` s after it began with `first` per second."""
-    return first * 2 ** min(elapsed / DOUBLING_TIME, MAX_DOUBLINGS)
-
-
 class RunBar(Tab):
     """Owns the controls above the tabs: status, verdict, Play or Pause, single steps, the history and the speed."""
 
@@ -232,7 +227,8 @@ class RunBar(Tab):
             # Unless a user has chosen the speed, a run becomes faster, so that a long one ends soon.
             self._since = tick.now if self._since < 0 else self._since
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
-            rate = slow * watched_rate(self._rate, tick.now - self._since)
+            doublings = min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
+            rate = slow * self._rate * 2**doublings
             if rate > 1.2 * self._paced:
                 self._paced = rate
                 self._binding.session.pace(rate)
@@ -269,7 +265,7 @@ class SolverTab(Tab):
         traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
         names = tuple(name for name, one in traits.items() if searchable or not one.needs_search)  # that can solve it
         # of each method, unless another one is given
-        self._starts = {name: one.default_start or STARTS[0] for name, one in traits.items()}
+        self._starts = {name: one.starts[0] if one.starts else STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
                 f"First {row}", 1, modes, 1, state.first,
@@ -311,7 +307,8 @@ class SolverTab(Tab):
         """Hide the controls that have no effect on the chosen solver."""
         traits = solvers.load(self.name.value).TRAITS
         self.start.visible = bool(traits.starts)
-        self.seed.visible = traits.uses_seed(self.start.value)
+        random = "random" in traits.starts and self.start.value == "random"
+        self.seed.visible = traits.draws_order or random
 
     def restart(self) -> None:
         """Restart with the settings: the same solver at once, another one as soon as it is ready."""

@@ -405,17 +405,19 @@ class SceneNodes:
         name = f"{name}/{next(self._numbers)}"
         return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
 
-    # The methods below show a scene before the first session is ready. This module does not import the solvers, so that
+    # The method below shows a scene before the first session is ready. This module does not import the solvers, so that
     # the page has a picture while these are loaded.
 
-    def show_cached(self, request: OpenRequest) -> None:
-        """Show the scene of a request if it does not have to be simulated first."""
-        measurement = request.measurement or load_cached_measurement(request.scene)
-        if measurement is not None:
-            self.show_room(request, as_given(request.scene, measurement))
+    def show_room(self, request: OpenRequest, measurement: Measurement | None = None) -> None:
+        """Show the microphones of a request, and the room if it is known; nothing if it must be simulated first.
 
-    def show_room(self, request: OpenRequest, measurement: Measurement) -> None:
-        """Show the microphones of a `measurement`, and the room if it is known."""
+        `measurement`: what was simulated for the request, if it was
+        """
+        if measurement is None:
+            cached = request.measurement or load_cached_measurement(request.scene)
+            if cached is None:
+                return
+            measurement = as_given(request.scene, cached)
         known_scene = None if isinstance(request.scene, MeasuredScene) else request.scene
         picture = static_picture(known_scene, measurement, request.choices.get("dark") is True)
         self.cameras.set_initial(picture)

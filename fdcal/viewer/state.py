@@ -150,11 +150,6 @@ class PageState:
     choices: Any = None
 
     @property
-    def map_request(self) -> CostMapRequest:
-        """The request for the map that the choices ask for."""
-        return self.choices.map_request(self.run, self.view, self.microphone)
-
-    @property
     def counted(self) -> np.ndarray:
         """Numbers of the microphones whose errors are averaged and that align a blind array with the truth."""
         return self.run.sought if self.sought is None else self.sought

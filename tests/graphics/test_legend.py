@@ -10,11 +10,12 @@ from PIL import Image
 
 from fdcal.cost.scale import Minima
 from fdcal.graphics import picture as overlays
+from fdcal.graphics.camera import camera_for
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import EDGE, MARKS, symbol, symbol_svg
 from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
 from fdcal.graphics.primitives import Curve
-from fdcal.graphics.snapshot import annotate, camera_of, legend_of, margins
+from fdcal.graphics.snapshot import annotate, legend_of, margins
 from fdcal.graphics.volume import volume_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
@@ -127,7 +128,7 @@ def test_page_and_png_show_the_same_entries(full):
 
 
 def test_each_entry_of_the_png_stands_in_its_colour_below_the_map(full):
-    camera = camera_of(full, SIZE, "top")
+    camera = camera_for(full, SIZE, "top", margins(full, SIZE))
     image = annotate(np.full((SIZE[1], SIZE[0], 3), 255, np.uint8), full, camera).astype(int)
     without = replace(full, meshes=(), lines=())
     height = margins(full, SIZE)[1] - margins(without, SIZE)[1]

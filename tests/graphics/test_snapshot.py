@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from fdcal.graphics import snapshot
-from fdcal.graphics.camera import project
+from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, Layer, layer_height
 from fdcal.graphics.picture import compose
@@ -61,7 +61,7 @@ def drawn(painted, scene, measurement, estimate, floor):
 
 def pixels_of(picture, size, view, points):
     """Pixels (P, 2) of a snapshot at which the points (P, 3), metres, appear."""
-    return project(snapshot.camera_of(picture, size, view), size, points)
+    return project(camera_for(picture, size, view, snapshot.margins(picture, size)), size, points)
 
 
 def nearest(image, pixel, colour, reach=1) -> float:

@@ -5,7 +5,7 @@ import pytest
 
 from fdcal.cost.scale import Minima
 from fdcal.graphics import snapshot
-from fdcal.graphics.camera import project
+from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.picture import static_picture, with_volume
 from fdcal.graphics.volume import SampledVolume, brightened, isosurface, layer_floor, levels_of, volume_of
@@ -110,7 +110,8 @@ def picture():
 def image_of(painted, picture, view):
     size = (640, 480)
     pixels = painted(picture, size, view)
-    return pixels, lambda place: project(snapshot.camera_of(picture, size, view), size, place)[0].round().astype(int)
+    camera = camera_for(picture, size, view, snapshot.margins(picture, size))
+    return pixels, lambda place: project(camera, size, place)[0].round().astype(int)
 
 
 def test_the_png_shows_surfaces_and_the_lowest_cost_in_their_places(picture, painted):

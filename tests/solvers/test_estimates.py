@@ -15,7 +15,7 @@ from fdcal.solvers.robust import channels, noise, objective, result
 from fdcal.solvers.robust import objective as objectives
 from fdcal.solvers.robust.noise import with_silent_inside
 from fdcal.solvers.robust.objective import channel_step, in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.schedule import StageEnd, after_stage, begin_final, likeliest, next_restart
+from fdcal.solvers.robust.schedule import StageEnd, after_stage, likeliest, next_restart
 from fdcal.solvers.robust.state import FINAL, SEARCH, STAGES, FittedStart, LocalOptimum
 
 COUNT, KNOWN, MODES = 24, [0, 5, 9, 14], 40
@@ -134,7 +134,7 @@ def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):
     problem, states = run
     worse = optimum(states[-1], 0.05, 50.0)
     for optima in ((worse, likeliest(states[-1])), (likeliest(states[-1]), worse)):
-        begun = begin_final(problem, replace(states[-1], optima=optima, finished=False))
+        begun = next_restart(problem, replace(states[-1], starts=(), optima=optima, finished=False))
         np.testing.assert_allclose(begun.positions, likeliest(states[-1]).positions, atol=1e-12)
         assert STAGES[begun.progress.stage].name == "final"
 

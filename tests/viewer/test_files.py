@@ -103,10 +103,14 @@ def snapshot(scene, kernels):
     return PageState(view, microphone=MICROPHONE, run=run, choices=choices)
 
 
+def map_request_of(state):
+    return state.choices.map_request(state.run, state.view, state.microphone)
+
+
 @pytest.fixture(scope="module")
 def drawn(snapshot, threads):
     """The map as the page shows it once nothing changes."""
-    return first(CostMapWorker(snapshot.run, threads), snapshot.map_request, True)
+    return first(CostMapWorker(snapshot.run, threads), map_request_of(snapshot), True)
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
@@ -163,8 +167,8 @@ def first(worker, wanted, fine):
 
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, space):
     worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
-    coarse = first(worker, space.map_request, False)
-    fine = first(worker, space.map_request, True)
+    coarse = first(worker, map_request_of(space), False)
+    fine = first(worker, map_request_of(space), True)
     assert fine.floor.rgb.shape > coarse.floor.rgb.shape
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
@@ -176,7 +180,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
 
 
 def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, space):
-    wanted = space.map_request
+    wanted = map_request_of(space)
     drawn = first(worker, wanted, True)
     assert f"layer z = {wanted.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
     costs = {

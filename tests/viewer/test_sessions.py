@@ -116,10 +116,10 @@ def test_an_error_of_the_solver_is_shown_as_text_and_the_page_works_on(page_of, 
 
 def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
-    nodes.show_cached(OpenRequest(edited(scene, {"seed": 987654})))
+    nodes.show_room(OpenRequest(edited(scene, {"seed": 987654})))
     assert nodes.cameras.picture is None, "it has to be simulated first"
     cached_measurement(scene)
-    nodes.show_cached(OpenRequest(scene))
+    nodes.show_room(OpenRequest(scene))
     assert {"microphones/true", "microphones/known", "room/walls"} <= nodes.parts.keys()
     server.scene.reset()
 

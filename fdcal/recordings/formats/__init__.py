@@ -1,6 +1,6 @@
 """File formats: each module here has `FORMATS`, which it reads or writes. To add a format, add a module.
 
-Some readers use a C library that a damaged file may crash. They run in a process of their own, see `isolated`: it
+Some readers use a C library that a damaged file may crash. They run in a process of their own, see `read_apart`: it
 returns a recording of up to `MAX_HELD` samples as a whole; of a longer one each block is read by another process.
 """
 
@@ -131,15 +131,11 @@ def write(path: str | Path, placed: MicrophonePositions) -> None:
 MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
 
 
-def isolated(read: Read) -> Read:
-    """Return a reader that calls `read`, a function at the top of a module, in a process of its own."""
-
-    def read_apart(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-        by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
-        found, values = by_call()
-        return Recording(**found, block=by_call if values is None else block_of(values))
-
-    return read_apart
+def read_apart(read: Read, path: Path, source: int | None = None, rate: float | None = None) -> Recording:
+    """Return what `read`, a function at the top of a module, returns when called in a process of its own."""
+    by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
+    found, values = by_call()
+    return Recording(**found, block=by_call if values is None else block_of(values))
 
 
 def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:

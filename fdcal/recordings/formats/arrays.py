@@ -28,7 +28,7 @@ from ...model.libraries import isolated_call, needs
 from ...model.storage import damaged, load_archive, matlab_arrays, require_regular
 from ...model.validation import InputError, require_array, require_choice, shown
 from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
-from . import Format, isolated, require_whole_file, wanted_source
+from . import Format, read_apart, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 # Names in lower case, without other signs and without a unit.
@@ -173,7 +173,7 @@ def _read_arrays(path: Path, source: int | None = None, rate: float | None = Non
         return recording_in(path, {path.stem: _mapped(path)}, rate)
     with open(path, "rb") as file:
         if file.read(19) == b"MATLAB 7.3 MAT-file":
-            return isolated(_read_hdf5)(path, source, rate)
+            return read_apart(_read_hdf5, path, source, rate)
     return recording_in(path, isolated_call(path, matlab_arrays, path), rate)
 
 
@@ -259,13 +259,10 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
     h5py = needs("h5py")
     require_whole_file(path)
 
-    def opened(name: str) -> Opened:
-        @contextlib.contextmanager
-        def open_array() -> Iterator[Any]:
-            with damaged(f"{path} cannot be read", "copy the file again"), h5py.File(path, "r") as file:
-                yield file[name]
-
-        return open_array
+    @contextlib.contextmanager
+    def open_array(name: str) -> Iterator[Any]:
+        with damaged(f"{path} cannot be read", "copy the file again"), h5py.File(path, "r") as file:
+            yield file[name]
 
     with damaged(f"{path} is not a readable HDF5 file"), h5py.File(path, "r") as file:
         arrays = dict[str, Any]()
@@ -277,7 +274,7 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
 
         note("", file)
         file.visititems(note)
-        return recording_in(path, arrays, rate, opened)
+        return recording_in(path, arrays, rate, lambda name: lambda: open_array(name))
 
 
 FORMATS = (
@@ -289,5 +286,5 @@ FORMATS = (
         recognises=lambda path: path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists()),
         source_count=lambda path: len(_positions(path / "pos_src.npy")),
     ),
-    Format((".h5", ".hdf5"), read=isolated(_read_hdf5)),
+    Format((".h5", ".hdf5"), read=lambda *given: read_apart(_read_hdf5, *given)),
 )

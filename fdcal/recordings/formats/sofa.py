@@ -19,7 +19,7 @@ from ...model.measurement import MicrophonePositions
 from ...model.storage import damaged
 from ...model.validation import InputError, StorageError, naming
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
-from . import Format, isolated, require_whole_file, wanted_source
+from . import Format, read_apart, require_whole_file, wanted_source
 
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
@@ -261,7 +261,7 @@ def _write(path: Path, placed: MicrophonePositions) -> None:
 FORMATS = (
     Format(
         (".sofa",),
-        read=isolated(_read),
+        read=lambda *given: read_apart(_read, *given),
         write=lambda path, placed: isolated_call(path, _write, path, placed),
         source_count=lambda path: isolated_call(path, _source_count, path),
     ),

@@ -52,7 +52,14 @@ def next_restart(problem: Problem, state: State) -> State:
     if state.starts is None:
         return search.begin(problem, state)
     if not state.starts:
-        return begin_final(problem, state)
+        # The last stage goes on from the likeliest optimum; only there is the array good enough to learn directions.
+        best = likeliest(state)
+        progress = replace(state.progress, rounds=0, stage=FINAL)
+        at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
+        state = replace(at_best, model=best.model, progress=progress)
+        state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
+        state = given.resolved(problem, state)
+        return refined(problem, noise.with_last_field(problem, state))
     first, *others = state.starts
     return begin_restart(problem, replace(state, starts=tuple(others)), first.positions)
 
@@ -60,17 +67,6 @@ def next_restart(problem: Problem, state: State) -> State:
 def likeliest(state: State) -> LocalOptimum:
     """Return the optimum with the lowest score."""
     return min(state.optima, key=lambda one: one.score)
-
-
-def begin_final(problem: Problem, state: State) -> State:
-    """Begin the last stage at the likeliest optimum; only there is the array good enough to learn directions."""
-    best = likeliest(state)
-    progress = replace(state.progress, rounds=0, stage=FINAL)
-    at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
-    state = replace(at_best, model=best.model, progress=progress)
-    state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
-    state = given.resolved(problem, state)
-    return refined(problem, noise.with_last_field(problem, state))
 
 
 def refined(problem: Problem, state: State) -> State:

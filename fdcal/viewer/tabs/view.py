@@ -91,7 +91,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
     positions = snapshot.view.state.positions
     truth = measurement.positions
-    request = snapshot.map_request
+    request = snapshot.choices.map_request(snapshot.run, snapshot.view, n)
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     drawn = {"truth": None if truth is None else truth[n][:2], "estimate": positions[n][:2], "heading": heading}
     drawn |= {"quantity": map_label(snapshot.run, request).partition(" (")[0]}
