@@ -224,4 +224,4 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         view = view_of([dataclasses.replace(end, positions=positions)])
         run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
         page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
-        assert said in caption(run, first(CostMapWorker(run, threads), page.map_request, False))
+        assert said in caption(run, first(CostMapWorker(run, threads), map_request_of(page), False))
