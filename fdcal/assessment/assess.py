@@ -23,18 +23,21 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..acoustics.coherence import is_single_wave
+from ..acoustics.dictionary import array_f_max
 from ..cost.likelihood import log_response
 from ..model.gauge import align, rigid_motions
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.interface import Estimate
-from .calibration import DECIBELS_PER_NEPER, OF_LIST, Channels, Evidence, GivenPosition
-from .channels import exchanged_back, faulty_channels
+from .calibration import DECIBELS_PER_NEPER, OF_LIST, ChannelFault, Channels, Evidence, GivenPosition
+from .channels import MAX_NOISE, exchanged_back, faulty_channels
 from .field import cross_validate
 from .findings import Judged, first_finding
-from .uncertainty import EXACT, covariance_of, one_sigma, scale_sigma_of, search_spread_of
+from .uncertainty import EXACT, covariance_of, one_sigma, root_mean_square, scale_sigma_of, search_spread_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
+RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
+RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an error of a few nats
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +83,9 @@ def assess(
     seen = judged(estimate, names, scale, unused)
     code, message = first_finding(seen)
     if code in ("undersampled", "not_converged"):  # otherwise given positions cannot be judged
-        seen = replace(seen, faulty={n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST})
+        seen = judged(
+            estimate, names, scale, unused, {n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST}
+        )
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
     positions = exchanged_back(estimate, seen.faulty, names)
@@ -111,20 +116,75 @@ def judged(
     names: Sequence[str],
     scale: float | None = None,
     unused: Mapping[int, np.ndarray] = MappingProxyType({}),
+    faulty: Mapping[int, ChannelFault] | None = None,
 ) -> Judged:
-    """Return the evidence for the verdict; arguments as of `assess`."""
-    covariance = covariance_of(estimate)
-    single = is_single_wave(estimate.problem.pressures[estimate.modes])
-    faulty = {} if single else faulty_channels(estimate, covariance, names)
+    """Return the evidence for the verdict; arguments as of `assess`, and the `faulty` channels unless to be found."""
+    problem, modes, channels, covariance = estimate.problem, estimate.modes, estimate.channels, covariance_of(estimate)
+    single = is_single_wave(problem.pressures[modes])
+    if faulty is None:
+        faulty = {} if single else faulty_channels(estimate, covariance, names)
     healthy = ~np.isin(np.arange(len(names)), list(faulty))
     search, scale_sigma = search_spread_of(estimate, healthy), scale_sigma_of(estimate, healthy)
     wrong = [n for n, one in faulty.items() if one.kind in OF_LIST]
-    if len(estimate.problem.known):
-        given_check = _given_check(estimate, wrong)
+    if len(problem.known):
+        agreement, loosest = _given_check(estimate, wrong)
     else:
         unused = {n: place for n, place in unused.items() if healthy[n]}
-        given_check = _unused_agreement(estimate, unused, scale or 1.0), 0.0
-    return Judged(estimate, names, covariance, faulty, *given_check, search, scale_sigma, scale, single)
+        agreement, loosest = _unused_agreement(estimate, unused, scale or 1.0), 0.0
+    kinds = ("dead", "noisy", "misplaced", "exchanged")
+    sigma = root_mean_square(one_sigma(covariance)[healthy])
+    placed = estimate.positions[healthy] if np.any(healthy) else estimate.positions
+    step_sigma = np.where(estimate.spread.sigma > 0, estimate.spread.sigma, 1.0)  # exact positions have neither
+    sought = np.setdiff1d(np.flatnonzero(healthy), problem.known)
+    return Judged(
+        estimate=estimate,
+        names=names,
+        covariance=covariance,
+        faulty=faulty,
+        agreement=agreement,
+        loosest=loosest,
+        search=search,
+        scale_sigma=scale_sigma,
+        scale=scale,
+        single_wave=single,
+        healthy=healthy,
+        by_rows=not estimate.window_ratio,
+        unexplained=[one for n, one in faulty.items() if one.kind in kinds or channels.noise[n] > MAX_NOISE],
+        wrong_given=[faulty[n] for n in wrong if n in problem.known],
+        sigma=sigma,
+        uncertain=float(np.hypot(sigma, root_mean_square(search[healthy]))),
+        radius=root_mean_square(np.linalg.norm(placed - placed.mean(axis=0), axis=1)),
+        f_max=array_f_max(placed, problem.sound_speed, problem.dimension),
+        highest=float(problem.frequencies[modes][-1]),
+        noise_fraction=estimate.field.noise_fraction,
+        given_noise=None if problem.noise_power is None else float(np.median(problem.noise_power[modes])),
+        step_left=float(np.max(np.abs(estimate.spread.step[healthy]) / step_sigma[healthy], initial=0.0)),
+        residual_to_noise=_residual_to_noise(estimate, healthy),
+        noisiest=int(sought[np.argmax(channels.noise[sought])]) if len(sought) else -1,
+        speed=(float(np.exp(estimate.log_speed)), estimate.log_speed_sigma) if scale is None else (scale, scale_sigma),
+        rival=_rival(estimate, sigma, healthy),
+    )
+
+
+def _residual_to_noise(estimate: Estimate, healthy: np.ndarray) -> float:
+    """Return the reduced chi-square of the pressures of the `healthy` channels (N,) bool.
+
+    A channel has D coordinates, a gain and a phase as free parameters: D + 2 real ones, half as many complex ones.
+    """
+    v = estimate.field.noise[:, None] * estimate.channels.noise
+    parameters = estimate.problem.array_dimension + 2
+    freedom = np.sum((v * estimate.field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
+    return float(np.sum((v * np.abs(estimate.field.terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
+
+
+def _rival(estimate: Estimate, sigma: float, healthy: np.ndarray) -> np.ndarray:
+    """Return how far each microphone is away in another optimum that is as likely : (N,), metres; 0 without one."""
+    tried, same = estimate.tried, max(3 * sigma, RIVAL_DISTANCE)
+    for one in tried[1:]:
+        away = np.linalg.norm(align(one.positions, tried[0].positions, healthy) - tried[0].positions, axis=1)
+        if root_mean_square(away[healthy]) > same and one.score < tried[0].score + RIVAL_COST:
+            return away * healthy
+    return np.zeros(len(healthy))
 
 
 def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:

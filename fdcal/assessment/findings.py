@@ -14,18 +14,15 @@ A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputE
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
-from ..acoustics.dictionary import array_f_max
-from ..model.gauge import align
-from ..model.validation import frozen_array, length_text
+from ..model.validation import length_text
 from ..solvers.interface import Estimate
-from .calibration import OF_LIST, ChannelFault
-from .channels import MAX_NOISE
+from .calibration import ChannelFault
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text, listed
 
@@ -77,64 +74,26 @@ class Judged:
     single_wave: bool  # whether the field has hardly any reflections, so that channels cannot be checked
 
     # what follows from these
-    healthy: np.ndarray = field(init=False)  # (N,) bool, which channels have no fault
-    by_rows: bool = field(init=False)  # whether only the pressures of the modes determine the positions, not windows
+    healthy: np.ndarray  # (N,) bool, which channels have no fault
+    by_rows: bool  # whether only the pressures of the modes determine the positions, not windows
     # Faulty channels and wrong given positions that the model does not explain. Gain, polarity, delay and high-pass are
     # parameters of the model, so that such a channel has a normal residual.
-    unexplained: Sequence[ChannelFault] = field(init=False)
-    wrong_given: Sequence[ChannelFault] = field(init=False)  # the given positions that the pressures contradict
-    sigma: float = field(init=False)  # metres, root mean square of one sigma over the healthy microphones
-    uncertain: float = field(init=False)  # metres, the same with the spread of the search added
-    radius: float = field(init=False)  # metres, root mean square distance of the healthy ones from their centre
-    f_max: float = field(init=False)  # Hz, highest frequency that the healthy microphones can interpolate (Eq. 9)
-    highest: float = field(init=False)  # Hz, highest frequency in use
-    noise_fraction: float = field(init=False)  # noise found over the mean power of the pressures
+    unexplained: Sequence[ChannelFault]
+    wrong_given: Sequence[ChannelFault]  # the given positions that the pressures contradict
+    sigma: float  # metres, root mean square of one sigma over the healthy microphones
+    uncertain: float  # metres, the same with the spread of the search added
+    radius: float  # metres, root mean square distance of the healthy microphones from their centre
+    f_max: float  # Hz, highest frequency that the healthy microphones can interpolate (Eq. 9)
+    highest: float  # Hz, highest frequency in use
+    noise_fraction: float  # noise found over the mean power of the pressures
     # median of the given noise of the modes in use, as a fraction of the power; None if no noise is given
-    given_noise: float | None = field(init=False)
-    step_left: float = field(
-        init=False
-    )  # largest Newton step left of a healthy microphone, in sigmas of the coordinate
-    residual_to_noise: float = field(init=False)  # reduced chi-square of the pressures of the healthy channels
-    noisiest: int = field(init=False)  # unknown microphone with the largest noise among the healthy ones; -1 if none
+    given_noise: float | None
+    step_left: float  # largest Newton step left of a healthy microphone, in sigmas of the coordinate
+    residual_to_noise: float  # reduced chi-square of the pressures of the healthy channels
+    noisiest: int  # unknown microphone with the largest noise among the healthy ones; -1 if there is none
     # sound speed that follows from given lengths, over that of the measurement, and one sigma of the ratio
-    speed: tuple[float, float] = field(init=False)
-
-    def __post_init__(self) -> None:
-        estimate, problem, channels = self.estimate, self.estimate.problem, self.estimate.channels
-        healthy = ~np.isin(np.arange(len(self.covariance)), list(self.faulty))
-        kinds = ("dead", "noisy", "misplaced", "exchanged")
-        sigma = root_mean_square(one_sigma(self.covariance)[healthy])
-        placed = estimate.positions[healthy] if np.any(healthy) else estimate.positions
-        noise, spread = problem.noise_power, estimate.spread
-        step_sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither step nor sigma
-        v = estimate.field.noise[:, None] * channels.noise
-        parameters = problem.array_dimension + 2  # real parameters of a channel
-        freedom = np.sum((v * estimate.field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
-        chi_square = np.sum((v * np.abs(estimate.field.terms.weighted) ** 2)[:, healthy])
-        sought = np.setdiff1d(np.flatnonzero(healthy), problem.known)
-        computed = {
-            "healthy": frozen_array(healthy, bool),
-            "by_rows": not estimate.window_ratio,
-            "unexplained": [
-                one for n, one in self.faulty.items() if one.kind in kinds or channels.noise[n] > MAX_NOISE
-            ],
-            "wrong_given": [one for n, one in self.faulty.items() if n in problem.known and one.kind in OF_LIST],
-            "sigma": sigma,
-            "uncertain": float(np.hypot(sigma, root_mean_square(self.search[healthy]))),
-            "radius": root_mean_square(np.linalg.norm(placed - placed.mean(axis=0), axis=1)),
-            "f_max": array_f_max(placed, problem.sound_speed, problem.dimension),
-            "highest": float(problem.frequencies[estimate.modes][-1]),
-            "noise_fraction": estimate.field.noise_fraction,
-            "given_noise": None if noise is None else float(np.median(noise[estimate.modes])),
-            "step_left": float(np.max(np.abs(spread.step[healthy]) / step_sigma[healthy], initial=0.0)),
-            "residual_to_noise": float(chi_square / max(freedom, 1.0)),
-            "noisiest": int(sought[np.argmax(channels.noise[sought])]) if len(sought) else -1,
-            "speed": (float(np.exp(estimate.log_speed)), estimate.log_speed_sigma)
-            if self.scale is None
-            else (self.scale, self.scale_sigma),
-        }
-        for name, value in computed.items():
-            object.__setattr__(self, name, value)
+    speed: tuple[float, float]
+    rival: np.ndarray  # (N,) float64, metres, distance of each microphone in another array as likely; 0 without one
 
     @property
     def uneven(self) -> np.ndarray:
@@ -154,15 +113,6 @@ class Judged:
         high &= behind * self.noise_fraction > UNEVEN_FRACTION
         return high & np.any(high & ~np.isin(np.flatnonzero(counted), noisy))
 
-    def rival(self) -> np.ndarray:
-        """Return how far each microphone is away in another optimum that is as likely : (N,), metres; 0 without one."""
-        tried, same, healthy = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy
-        for one in tried[1:]:
-            away = np.linalg.norm(align(one.positions, tried[0].positions, healthy) - tried[0].positions, axis=1)
-            if root_mean_square(away[healthy]) > same and one.score < tried[0].score + RIVAL_COST:
-                return away * healthy
-        return np.zeros(len(healthy))
-
 
 # Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
 # uneven; with a source inside the array a tenth or more of all.
@@ -173,8 +123,6 @@ UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the
 ROOM_RESIDUAL = 1e-3
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
-RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
-RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an error of a few nats
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -235,12 +183,22 @@ def precision(sigma: np.ndarray, residual: float | None) -> str:
 MORE_KNOWN = 4  # number of further microphones whose positions a remedy asks for: enough to fix a frame in space
 
 
+def _positions_of(seen: Judged, doubt: np.ndarray) -> str:
+    """Return the words for the positions of the healthy microphones sought for which `doubt` (N,) is largest."""
+    doubt = np.where(seen.healthy, doubt, 0.0)
+    doubt[seen.estimate.problem.known] = 0.0
+    chosen = [int(n) for n in np.argsort(-doubt, kind="stable")[:MORE_KNOWN] if doubt[n] > 0]
+    of = "position of microphone" if len(chosen) == 1 else "positions of microphones"
+    return f"the {of} {listed(seen.names[n] for n in sorted(chosen))} (<known>)"
+
+
 def _least_certain(seen: Judged) -> str:
-    """Return the words for the positions of the healthy microphones sought that are least certain."""
-    sigma = np.where(seen.healthy, one_sigma(seen.covariance), -1.0)
-    sigma[seen.estimate.problem.known] = -1.0
-    chosen = [int(n) for n in np.argsort(-sigma, kind="stable")[:MORE_KNOWN] if sigma[n] >= 0]
-    return f"the positions of microphones {listed(seen.names[n] for n in sorted(chosen))} (<known>)"
+    return _positions_of(seen, one_sigma(seen.covariance))
+
+
+def _in_doubt(seen: Judged) -> str:
+    """Return the words for the positions that decide between the array and its rival."""
+    return _positions_of(seen, np.where(seen.rival >= seen.rival.max() / 2, seen.rival, 0.0))
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
@@ -336,10 +294,10 @@ FINDINGS: tuple[Finding, ...] = (
                          f" {'on a line' if seen.estimate.positions.shape[1] == 2 else 'in a plane'}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             3.0, "nats by which the array is likelier than its mirror image: a probability of 0.05 for the latter"),
-    Finding("ambiguous", lambda seen, _: bool(seen.rival().any()),
+    Finding("ambiguous", lambda seen, _: bool(seen.rival.any()),
             lambda seen: "another array explains the pressures as well; in it microphone"
-                         f" {seen.names[int(seen.rival().argmax())]} is {100 * seen.rival().max():.2g} cm away",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record another take with the source elsewhere",
+                         f" {seen.names[int(seen.rival.argmax())]} is {100 * seen.rival.max():.2g} cm away",
+            lambda seen: f"{MORE_MODES}give {_in_doubt(seen)}, or record another take with the source elsewhere",
             reason="another array explains the pressures as well"),
     Finding("ambiguous", _other_minimum,
             lambda seen: f"microphone {seen.names[seen.noisiest]} has"
