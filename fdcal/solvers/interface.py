@@ -222,15 +222,39 @@ class Solver(Protocol):
     State: type[Any]  # class of the states, a dataclass derived from `RunState`
     TRAITS: Traits
 
-    # maps a problem, settings and a seed to the first state; raises InputError for what the solver cannot work on
-    init: Callable[[Problem, SolverSettings, int], Any]
-    step: Callable[[Problem, Any], Any]  # returns the state after one step; the same state if it is finished
-    # maps a problem, a state, the first and the last mode, counted from 1, and whether the solver may add modes, to the
-    # state with these modes in use, from which the solver continues
-    use_modes: Callable[[Problem, Any, int, int, bool], Any]
-    # returns what the solver has found in a state, which is all that the assessment of a result reads
-    result: Callable[[Problem, Any], Estimate]
-    usable_modes: Callable[[Problem, SolverSettings], int]  # how many of the lowest modes of a problem can be in use
+    def init(self, problem: Problem, settings: SolverSettings, seed: int) -> Any:
+        """Return the first state of a run.
+
+        settings : the start and the options of the solver
+        seed : of everything that is drawn; equal seeds give equal runs
+
+        Raises InputError for a problem or settings that the solver cannot work on.
+        """
+        ...
+
+    def step(self, problem: Problem, state: Any) -> Any:
+        """Return the state after one step; the same state if it is finished.
+
+        A step should take a second at most: the page shows the state after each step, and a person can stop a run only
+        between two steps. It must not change `state`, because a replay shows earlier states again.
+        """
+        ...
+
+    def use_modes(self, problem: Problem, state: Any, first: int, last: int, automatic: bool) -> Any:
+        """Return `state` with other modes in use; the solver continues from it.
+
+        first, last : the lowest and the highest mode, counted from 1
+        automatic : whether the solver may add modes by itself
+        """
+        ...
+
+    def result(self, problem: Problem, state: Any) -> Estimate:
+        """Return what the solver has found in `state`, which is all that the assessment of a result reads."""
+        ...
+
+    def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:
+        """Return how many of the lowest modes of `problem` can be in use."""
+        ...
 
     def landscape(
         self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
