@@ -193,7 +193,12 @@ MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and would fill the
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
-    """Return the mean number of modes of a room of `size` (2,) or (3,), metres, below frequencies (F,), Hz : (F,)."""
+    """Return the mean number of modes of a room below frequencies (F,), Hz : (F,) float64.
+
+    size : (2,) or (3,), metres; sound_speed : m/s
+
+    It is Weyl's law for rigid walls, with the terms of the walls and the edges.
+    """
     ratio = np.asarray(frequencies, float) / sound_speed
     if len(size) == 2:
         return np.pi * size[0] * size[1] * ratio**2 + sum(size) * ratio

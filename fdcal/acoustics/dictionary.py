@@ -69,7 +69,10 @@ def array_f_max(positions: Reals, sound_speed: float, dimension: int) -> float:
 
 
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
-    """Return W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4), of (N, 2) metres : (N, 2L + 1) complex128."""
+    """Return W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4) : (N, 2L + 1) complex128.
+
+    positions : (N, 2), metres; wavenumber : k, rad/m, complex for a damped field; centre : (2,), metres
+    """
     offsets = np.asarray(positions) - np.asarray(centre)
     r = np.hypot(offsets[:, 0], offsets[:, 1])
     theta = np.arctan2(offsets[:, 1], offsets[:, 0])
@@ -87,7 +90,10 @@ def join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=256)
 def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return degree l and order m, each (K,), of every column of W; `planar`: only the columns with l + m even."""
+    """Return degree l and order m of every column of W, each (K,) int64, read-only, in ascending order.
+
+    planar : only the columns with l + m even, since the others vanish in a plane through the centre
+    """
     l = np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)  # noqa: E741
     m = np.arange(len(l)) - l * (l + 1)
     kept = (l + m) % 2 == 0 if planar else slice(None)
@@ -112,7 +118,7 @@ def harmonics(offsets: Reals, order: int) -> tuple[np.ndarray, np.ndarray, np.nd
 def spherical_bessel(positions: Reals, wavenumber: complex, order: int, centre: ArrayLike) -> np.ndarray:
     """Return W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n) : (N, K) complex128, columns as in `degrees`.
 
-    `positions` (N, 3), or (N, 2) in a plane through `centre`, metres.
+    positions : (N, 3), or (N, 2) in a plane through `centre`, metres; wavenumber : k, rad/m, complex for a damped field
     """
     l, distance, Y = harmonics(np.asarray(positions, float) - np.asarray(centre, float), order)  # noqa: E741
     k = wavenumber if np.imag(wavenumber) else np.real(wavenumber)

@@ -77,7 +77,11 @@ class CrossValidation:
 def cross_validate(
     problem: Problem, positions, modes: slice, noise: np.ndarray | None = None, healthy: np.ndarray | None = None
 ) -> CrossValidation:
-    """Return the normalised leave-one-out errors; `problem` has pressures divided by the gains of the channels."""
+    """Return the normalised leave-one-out errors of the pressures of some modes.
+
+    problem : with pressures divided by the gains of the channels; positions, modes, noise, healthy : as of
+    `leave_one_out_errors`. If too few channels are healthy to predict the others, all of them are used.
+    """
     if healthy is not None and (np.all(healthy) or np.sum(healthy) <= problem.array_dimension):
         healthy = None
     errors = leave_one_out_errors(problem, positions, modes, noise, healthy)

@@ -26,16 +26,6 @@ from .scale import DEPTH, OUTSIDE, on_scale
 STRIDE = 0.7  # of a path, in steps of the lattice
 
 
-def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
-    """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), the lowest first.
-
-    They are indices, (K, 2) int64 of rows and columns, or (K, 3). A minimum counts where its prominence, the climb out
-    of it to a lower one, exceeds `depth` of the scale of the map. Minima at the edge do not count, because the cost
-    beyond it is unknown.
-    """
-    return basins_of(cost, depth).minima
-
-
 def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and that of each point's basin (P,).
 
@@ -138,7 +128,7 @@ class Basins:
 
     # (ny, nx), or (nz, ny, nx) for a volume, int64, number of the minimum whose basin holds each point, or OUTSIDE
     labels: np.ndarray
-    minima: Integers  # (K, 2), or (K, 3) for a volume, int64, result of `local_minima`
+    minima: Integers  # (K, 2), or (K, 3) for a volume, int64, rows and columns, the lowest minimum first
 
     def at(self, search: Search, place: Reals) -> int:
         """Return the number of the basin at a position (2,) or (3,), metres, or OUTSIDE beyond the lattice `search`."""
@@ -149,7 +139,11 @@ class Basins:
 
 
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
-    """Return the basins of a map (ny, nx) or volume (nz, ny, nx); `depth` as of `local_minima`."""
+    """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), and their basins.
+
+    A minimum counts where its prominence, the climb out of it to a lower one, exceeds `depth` of the scale of the map.
+    Minima at the edge do not count, because the cost beyond it is unknown.
+    """
     minima, owners = merged_basins(on_scale(cost), depth)
     places = np.stack(np.unravel_index(minima, cost.shape), axis=1)
     inside = np.all((places > 0) & (places < np.array(cost.shape) - 1), axis=1)

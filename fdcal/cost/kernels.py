@@ -200,7 +200,10 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
 
 
 def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
-    """Return kappa (M, P) at `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None without `slope`."""
+    """Return kappa (M, P) at `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None without `slope`.
+
+    wavenumbers : (M,) float64, k, rad/m; dimension : of the field; kappa is J_0(k r) in 2 and sin(k r) / (k r) in 3
+    """
     z = np.multiply.outer(wavenumbers, distance)
     if dimension == 3:
         kappa, over = sinc(z)

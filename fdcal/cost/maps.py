@@ -426,9 +426,9 @@ def lattice_of(problem: Problem, modes: Sequence[int]) -> Search:
 
 def minima_of(cost: Reals, search: Search) -> Minima:
     """Return the marks on a map (ny, nx) or volume (nz, ny, nx) over the lattice `search`."""
-    from .basins import local_minima  # compiled code, loaded with the first map
+    from .basins import basins_of  # compiled code, loaded with the first map
 
-    values, found = on_scale(cost), local_minima(cost)
+    values, found = on_scale(cost), basins_of(cost).minima
     lowest = np.array(np.unravel_index(values.argmin(), values.shape))[None]
     found = found[(found != lowest).any(axis=1)]
     fits = values[tuple(found.T)] <= values.min() + DEPTH

@@ -107,7 +107,11 @@ SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between whi
 
 
 def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:
-    """Return the costs of the first and the last colour, `percentiles` of all; costs beyond have the same colours."""
+    """Return the costs of the first and the last colour; costs beyond have the same colours.
+
+    cost : of any shape; log : whether the colours follow its logarithm, and then span at most DECADES;
+    percentiles : of `cost`, in per cent
+    """
     low, high = map(float, np.percentile(cost, percentiles))
     if log and high > 0 <= low:
         low = max(low, high * 10.0**-DECADES)

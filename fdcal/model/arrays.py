@@ -141,7 +141,10 @@ ROUNDING = 1e-9  # metres: a smaller difference of coordinates is due to roundin
 
 
 def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """Return which points (..., 2) lie inside the polygon of `vertices` (V, 2), in order, by the even-odd rule."""
+    """Return which points lie inside a polygon, by the even-odd rule : (...) bool.
+
+    points : (..., 2), metres; vertices : (V, 2), metres, in order. A point on an edge may count as inside or outside.
+    """
     x, y = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
     crossings = np.zeros(x.shape, dtype=bool)
     for (xa, ya), (xb, yb) in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):

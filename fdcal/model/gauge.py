@@ -57,7 +57,10 @@ def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
 
 
 def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
-    """Return the matrix (D, D) by which `move_to_frame` multiplies rows of offsets: a rotation, or a mirror image."""
+    """Return the matrix (D, D) by which `move_to_frame` multiplies rows of offsets: a rotation, or a mirror image.
+
+    positions : (N, D), metres, of the array; those of the microphones of the frame determine its axes
+    """
     axes = list[np.ndarray]()
     for points in (positions[frame.microphones], frame.positions):
         # Gram-Schmidt: the first axis points towards the second point, and so on

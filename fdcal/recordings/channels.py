@@ -272,7 +272,10 @@ def select_subset(recording: Recording, text: str) -> Recording:
 
 
 def exclude_channels(recording: Recording, names: Sequence[str], bad: Sequence[int] | np.ndarray = ()) -> Recording:
-    """Return the recording without the channels of these names and the `bad` ones, indices (n,)."""
+    """Return the recording without the channels of these names and the `bad` ones, indices (n,).
+
+    InputError for a name that no channel has, or if no channel is left.
+    """
     excluded = [_index_of(recording, name, "leave_out") for name in names]
     left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad])
     if not len(left):

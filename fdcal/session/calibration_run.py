@@ -73,7 +73,10 @@ def assess_state(
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
-    """Return the numbers of the two microphones whose distance is given."""
+    """Return the numbers of the two microphones whose distance is given.
+
+    InputError for a name that no microphone has, or for one microphone named twice.
+    """
     assert inputs.distance is not None
     names = inputs.measurement.names
     first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])

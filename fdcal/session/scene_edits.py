@@ -30,7 +30,11 @@ def table_of(scene: Scene) -> dict[str, Any]:
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key."""
+    """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key.
+
+    InputError for a key or a value that a scene cannot have, and for a measured scene unless the key is title, seed or
+    one of the solver.
+    """
     table = table_of(scene)
     for key, value in changes.items():
         if isinstance(scene, MeasuredScene) and key.split(".")[0] not in ("solver", "seed", "title"):

@@ -150,7 +150,10 @@ def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement
 
 
 def check_scene(scene: Scene) -> None:
-    """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit."""
+    """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit.
+
+    InputError names the key of the scene that is wrong. A measured scene has been checked by its measurement.
+    """
     if isinstance(scene, MeasuredScene):
         return
     positions_of(scene)

@@ -101,9 +101,9 @@ def _search() -> None:
 
 
 def _minima() -> None:
-    from ..cost.basins import local_minima
+    from ..cost.basins import basins_of
 
-    local_minima(np.add.outer(np.arange(3.0), np.arange(3.0)), 0.1)
+    basins_of(np.add.outer(np.arange(3.0), np.arange(3.0)), 0.1)
 
 
 SEARCH: Piece = ("search of solver descent", _search)

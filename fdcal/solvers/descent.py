@@ -166,7 +166,10 @@ def _cost(problem: Problem, state: State) -> float:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions."""
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
+
+    InputError if these modes were not measured, or if the microphones cannot carry them at their order.
+    """
     require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)
     changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)

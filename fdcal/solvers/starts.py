@@ -30,7 +30,10 @@ from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Return free microphones drawn uniformly in the search domain, and known ones : (N, D) float64, metres."""
+    """Return free microphones drawn uniformly in the search domain, and known ones : (N, D) float64, metres.
+
+    InputError for a problem without a search domain.
+    """
     if problem.search is None:
         raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
     low, size = np.array(problem.search.origin), np.array(problem.search.size)
@@ -194,7 +197,10 @@ SUBSETS = 40
 
 
 def best_subset(x: Reals, places: Reals) -> np.ndarray:
-    """Return the D + 1 points of `x` (A, D) whose alignment with `places` (A, D) has the least median error."""
+    """Return the numbers (D + 1,) int64 of the points of `x` whose alignment with `places` has the least median error.
+
+    x, places : (A, D), metres, the array found and the given positions; at most SUBSETS subsets are tried
+    """
 
     def error(chosen: tuple[int, ...]) -> float:
         return float(np.median(np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)))

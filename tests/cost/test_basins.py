@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from solving import simulated_square
 
-from fdcal.cost.basins import OUTSIDE, basins_of, descent_path, local_minima, merged_basins
+from fdcal.cost.basins import OUTSIDE, basins_of, descent_path, merged_basins
 from fdcal.cost.maps import cost_maps, map_positions, minima_of
 from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
@@ -35,9 +35,9 @@ def waves(rng):
 def test_a_ripple_does_not_count_and_a_minimum_does():
     valley = np.abs(np.arange(-30, 31))[:, None] * 10.0 + np.zeros((61, 81))
     ripple = valley + np.where(np.arange(81) % 4 == 0, -0.05, 0.0)
-    assert len(local_minima(ripple)) == 0, "beads along a valley"
+    assert len(basins_of(ripple).minima) == 0, "beads along a valley"
     ripple[30, 50] -= 30
-    np.testing.assert_array_equal(local_minima(ripple), [[30, 50]])
+    np.testing.assert_array_equal(basins_of(ripple).minima, [[30, 50]])
 
 
 def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one():
@@ -80,12 +80,11 @@ def test_the_minima_are_those_whose_climb_exceeds_the_depth(shape, seed):
         assert (np.diff(cost.ravel()[found]) > 0).all(), "the lowest first"
 
 
-def test_the_minima_are_those_that_the_map_marks():
+def test_every_minimum_lies_in_the_basin_of_its_number():
     for seed in range(6):
         x, y = lattice()
         cost = waves(np.random.default_rng(seed))(np.stack([x, y], axis=-1))
         basins = basins_of(cost)
-        np.testing.assert_array_equal(basins.minima, local_minima(cost))
         np.testing.assert_array_equal(basins.labels[tuple(basins.minima.T)], np.arange(len(basins.minima)))
 
 
@@ -93,7 +92,7 @@ def test_descent_down_a_slope_leaves_the_map():
     x, y = lattice()
     slope = basins_of(x + 0.3 * y)
     assert (slope.labels == OUTSIDE).all() and not len(slope.minima)
-    assert len(local_minima(np.ones((20, 30)))) == 0, "nor has a level cost a minimum"
+    assert len(basins_of(np.ones((20, 30))).minima) == 0, "nor has a level cost a minimum"
 
 
 # The path downhill descends at every step, and ends at the local minimum that the map marks in its basin.

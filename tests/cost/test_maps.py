@@ -12,7 +12,7 @@ from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.cost import maps as cost
-from fdcal.cost.basins import local_minima
+from fdcal.cost.basins import basins_of
 from fdcal.cost.eq7 import ORDER_OFFSET, known_weights
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.noise import DIFFUSE_FLOOR
@@ -161,7 +161,7 @@ def test_each_partial_sum_is_the_map_of_its_modes(solver, state, modes, order_of
                 maps, cost.eq7_maps(PLANE, state.positions, 9, one.modes, order_offset, fine, state.channels)
             )
         np.testing.assert_allclose(one.cost, maps.sum(axis=0), rtol=1e-9, atol=1e-12 * np.ptp(one.cost))
-        assert one.minima.count == len(local_minima(one.cost))
+        assert one.minima.count == len(basins_of(one.cost).minima)
 
 
 def test_the_shape_of_a_mode_is_the_recorded_field(waves):

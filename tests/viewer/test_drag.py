@@ -11,7 +11,7 @@ import pytest
 from browsing import WAIT
 from doubles import Recorder, State, finish, view_of, wait_until
 
-from fdcal.cost.basins import OUTSIDE, DescentPath, basins_of, local_minima
+from fdcal.cost.basins import OUTSIDE, DescentPath, basins_of
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.graphics.picture import static_picture
 from fdcal.model.gauge import position_errors
@@ -167,7 +167,8 @@ def minima_of(viewer):
     run, state, choices = viewer.run, viewer.run.session.view.state, viewer.binding.choices
     search = refined(run.problem.search)
     cost = cost_maps(run.problem, run.solver, state, 9, (MODE,), choices.order_offset, search).sum(axis=0)
-    return map_positions(local_minima(cost), search), basins_of(cost), search
+    basins = basins_of(cost)
+    return map_positions(basins.minima, search), basins, search
 
 
 def test_a_microphone_shows_cost_and_path_and_rolls_into_a_minimum_which_is_named(opened):

@@ -87,7 +87,10 @@ def step(problem: Problem, state: State) -> State:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions."""
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
+
+    InputError if these modes were not measured, or are too few for the unknown coordinates.
+    """
     require_range(problem, first, last)
     require_modes(problem, last)
     problem = objectives.in_unit_power(problem)

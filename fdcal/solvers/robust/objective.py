@@ -389,7 +389,11 @@ def corrected(problem: Problem, state: State, used: Integers | slice) -> np.ndar
 
 
 def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
-    """Return the field model of the modes `used`."""
+    """Return the field model of the modes `used`.
+
+    used : (m,) int64, numbers of the modes, from 0. The wavenumbers are complex only where the model is damped, because
+    complex ones cost more time.
+    """
     model, k = state.model, wavenumbers(problem, state)[used]
     about = state.shape if model.damped or model.directional else None
     directions = model.directions[used] if model.directional and model.directions is not None else None
