@@ -111,7 +111,7 @@ def _cold(browser) -> list[Figure]:
     start = time.perf_counter()
     with Served(SCENE, {}, cold=True) as served:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.goto(f"{served.url}/#face=expert")  # the face that shows the progress of the first session
+        page.goto(f"{served.url}/#layout=expert")  # the layout that shows the progress of the first session
         page.get_by_text(re.compile(r"Simulating the room|Compiling")).first.wait_for()
         shown = time.perf_counter() - start
         open_page(browser, served.url).close()

@@ -170,7 +170,7 @@ def open_page(browser, url: str):
     """Open one more page and wait for its picture."""
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(WAIT)
-    page.goto(f"{url}/?fixedDpr=1#face=expert")
+    page.goto(f"{url}/?fixedDpr=1#layout=expert")
     wait_for_node(page, "/microphones/true")
     return page
 

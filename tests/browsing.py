@@ -16,7 +16,7 @@ from fdcal.viewer import app
 from fdcal.viewer import scene3d as cameras
 
 WAIT = 60.0  # s, bound of every wait
-COARSE = "?fixedDpr=0.25#face=expert"  # of any other page: a sixteenth of the pixels is enough
+COARSE = "?fixedDpr=0.25#layout=expert"  # of any other page: a sixteenth of the pixels is enough
 
 ARGUMENTS = [
     "--no-sandbox",

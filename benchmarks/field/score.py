@@ -87,11 +87,11 @@ def _run(command, limit_s: float, output: Path) -> tuple[str, float]:
 def _scored(case: Case, result: dict, seconds: float) -> Score:
     x, claimed = np.array(result["positions"], float), np.array(result["uncertainty_m"], float)
     found = x
-    names, odd = [str(name) for name in result["names"]], _odd(result)
+    names, faulty = [str(name) for name in result["names"]], _faulty(result)
     fault = "" if case.spec.fault is None else case.spec.fault[0]
     sick = set(map(str, case.named)) if fault in FAULTY else set()
     healthy = np.array([name not in sick for name in names])
-    trusted = np.array([name not in odd for name in names])
+    trusted = np.array([name not in faulty for name in names])
     if case.spec.blind:
         x = _aligned(x, case.positions, healthy)
     free = np.ones(len(x), bool)
@@ -113,7 +113,7 @@ def _scored(case: Case, result: dict, seconds: float) -> Score:
         right=error < max(RIGHT_ERROR, 3 * limit),
         placeable=limit < 0.1 * _rms(np.linalg.norm(case.positions - case.positions.mean(axis=0), axis=1)[healthy]),
         confidently_wrong=bool(result["verdict"] == "good" and wrong),
-        named=bool(case.named) and set(map(str, case.named)) <= odd,
+        named=bool(case.named) and set(map(str, case.named)) <= faulty,
         judged=int(np.sum(judged & healthy)),
         covered=_covered(found, result.get("covariance_m2"), case, healthy, judged & healthy),
     )
@@ -131,11 +131,11 @@ def _covered(found, covariance, case: Case, healthy, judged) -> int:
     return int(np.sum(distance <= chi2.ppf(0.95, found.shape[1])))
 
 
-def _odd(result: dict) -> set[str]:
-    """Names of the channels that the result calls odd."""
-    odd = {entry["name"] if isinstance(entry, dict) else str(entry) for entry in result.get("odd_channels", ())}
-    if odd or result["verdict"] != "known_position":
-        return odd
+def _faulty(result: dict) -> set[str]:
+    """Names of the channels that the result calls faulty."""
+    named = {entry["name"] if isinstance(entry, dict) else str(entry) for entry in result.get("faulty_channels", ())}
+    if named or result["verdict"] != "known_position":
+        return named
     return set(re.findall(r"\b\d+\b", result["verdict_text"])) & {str(name) for name in result["names"]}
 
 

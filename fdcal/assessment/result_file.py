@@ -61,8 +61,8 @@ class CheckRow(msgspec.Struct):
 RENAMED = {
     "elapsed": "elapsed_s", "mean_error": "mean_error_m", "max_error": "max_error_m", "rms_error": "rms_error_m",
     "errors": "errors_m", "uncertainty": "uncertainty_m", "covariance": "covariance_m2",
-    "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
-    "frequencies_db": "left_out_frequencies_db", "faults": "odd_channel_details", "given": "given_positions",
+    "microphones_db": "leave_one_out_microphones_db", "frequencies_db": "leave_one_out_frequencies_db",
+    "faults": "faulty_channel_details", "given": "given_positions",
     **{name: f"channel_{name}" for name in CHANNEL_NUMBERS},
 }  # fmt: skip
 
@@ -104,7 +104,7 @@ class ResultTable(msgspec.Struct, rename=RENAMED):
     phase_deg: OfEachMicrophone = ABSENT
     phase_sigma_deg: OfEachMicrophone = ABSENT
     noise_db: OfEachMicrophone = ABSENT
-    odd_channels: list[str] = ABSENT
+    faulty_channels: list[str] = ABSENT
     faults: tuple[ChannelFault, ...] = ABSENT
     given: list[GivenRow] = ABSENT
     check: CheckRow = ABSENT
@@ -138,7 +138,7 @@ def result_text(self: Calibration) -> str:
     channels, keys = self.channels, ResultTable.__struct_fields__
     values = {key: getattr(part, key) for part in (self, self.evidence, channels) for key in keys if hasattr(part, key)}
     if channels is not None:
-        values["odd_channels"] = [fault.name for fault in channels.faults]
+        values["faulty_channels"] = [fault.name for fault in channels.faults]
         rows = [GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given]
         values["given"] = rows or None
     table = msgspec.to_builtins(ResultTable(**values), enc_hook=lambda array: array.tolist())
@@ -282,7 +282,7 @@ def _checked(content: dict, where: str) -> ResultTable:
     if 0 < len(absent) < len(CHANNEL_NUMBERS):
         require(False, absent[0], *missing)
     given = table.given or ()
-    for key, rows in (("odd_channel_details", table.faults or ()), ("given_positions", given)):
+    for key, rows in (("faulty_channel_details", table.faults or ()), ("given_positions", given)):
         right = table.names is None or {row.name for row in rows} <= {*table.names}
         require(right, key, 'has a name that is not in "names"')
     right = all(len(place) == sizes["D"] for row in given for place in (row.given_m, row.found_m))

@@ -317,7 +317,7 @@ class Explore:
             f"<button class='first' data-do='play'>{PAUSE if running else PLAY}</button>"
             f"<button data-do='step=Step'{' disabled' if done else ''}>{step}</button>"
             "<button data-local='sheet:lessons'>Lessons</button><button data-local='sheet:share'>Share</button>"
-            f"{end}<button data-local='face:expert'>Expert</button><hr>"
+            f"{end}<button data-local='layout:expert'>Expert</button><hr>"
             f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
             f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"{_slider(binding, 'state', 'State of the run')}</div>"

@@ -164,7 +164,7 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
     """Return the legend on the canvas: how to read the map, its colour bar, if it has one, and the marks drawn."""
     explore = re.compile("|".join(map(re.escape, EXPLORE)))
 
-    def of_both_faces(text: str) -> str:
+    def for_both_layouts(text: str) -> str:
         """Return a text in the words of Expert and, if they differ, in those of Explore."""
         kept, plain = (
             re.sub("z = .* m|[0-9.]+( to [0-9]+)? Hz", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
@@ -172,12 +172,12 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
         )
         return kept if kept == plain else f"<span class='expert'>{kept}</span><span class='explore'>{plain}</span>"
 
-    scale, advice = "", f"<p>{of_both_faces(hint)}</p>" if hint else ""
+    scale, advice = "", f"<p>{for_both_layouts(hint)}</p>" if hint else ""
     if bar is not None:
         gradient = ", ".join(css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
         ticks = "".join(f"<div style='left: {100 * at:.2f}%'><div></div>{text}</div>" for at, text in bar.ticks)
         colours = f"<div class='colours' style='background: linear-gradient(to right, {gradient})'></div>"
-        scale = f"<div>{colours}<div class='ticks'>{ticks}</div></div><div>{of_both_faces(bar.label)}</div>"
+        scale = f"<div>{colours}<div class='ticks'>{ticks}</div></div><div>{for_both_layouts(bar.label)}</div>"
         scale = f"<div class='fdcal-scale'>{scale}</div>"
     marks = drawings_html({escape(mark.text): symbol_svg(mark) for mark in entries})
     return f"<div class='fdcal-legend'>{advice}{scale}{marks}</div>"

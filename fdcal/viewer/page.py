@@ -6,8 +6,8 @@ its controls replace the old ones. Browsers stay connected, and the chosen tabs 
 
 `AddressBar` keeps the view in the page's address after #: a link opens the same view (`fdcal.model.address`). In a
 lesson the page writes lesson and part, which determine everything else. Otherwise it writes scene, method, step,
-microphone (none where the map follows the solver), modes and map. Each browser adds its camera. The key "face", Explore
-or Expert, belongs to one browser and is not sent to the server (`server/page.js`).
+microphone (none where the map follows the solver), modes and map. Each browser adds its camera. The key "layout",
+"explore" or "expert", belongs to one browser and is not sent to the server (`server/page.js`).
 """
 
 import logging
@@ -78,7 +78,7 @@ class Page:
         self.address, self._dark = AddressBar(self, self.lessons), False
         self._first: viser.ClientHandle | None = None  # the browser that determines whether the page is dark
         self.panels.overlay.acts["dark"] = lambda client, value: self._prefer(client, value == "on")
-        self.panels.overlay.acts["face"] = nodes.cameras.show_face
+        self.panels.overlay.acts["layout"] = nodes.cameras.show_layout
         self._progress, self._on_progress, self._faults = "", on_progress, dict[str, str]()
         self._checked = 0.0
         self._release_at = math.inf  # when the memory of the last session that was replaced is released

@@ -125,9 +125,9 @@ class Cameras:
             if isinstance(view, str) or number in view:
                 self.request(client, view if isinstance(view, str) else view[number])
 
-    def show_face(self, client: viser.ClientHandle, face: str) -> None:
+    def show_layout(self, client: viser.ClientHandle, layout: str) -> None:
         """Adapt the camera to a page that shows the panels, "expert", or the bar; on viser's event loop."""
-        self.pages[client.client_id].expert = face == "expert"
+        self.pages[client.client_id].expert = layout == "expert"
         self.request(client)
 
     def process_requests(self, clients) -> None:

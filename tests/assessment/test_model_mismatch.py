@@ -48,14 +48,14 @@ def measured(field, snr_db=40.0):
     return Measurement(f, p, SPEED, x.shape[1], positions=x, known=KNOWN, noise_power=noise)
 
 
-def odd(found):
+def faults(found):
     return [fault.name for fault in found.channels.faults]
 
 
 def test_without_reflections_the_field_is_said_to_be_a_single_wave():
     measurement = measured(anechoic(3), snr_db=20.0)
     found = fdcal.calibrate(measurement, solver="robust")
-    assert found.verdict == "model_mismatch" and "single wave" in found.verdict_text and odd(found) == []
+    assert found.verdict == "model_mismatch" and "single wave" in found.verdict_text and faults(found) == []
     with pytest.raises(fdcal.InputError, match="hardly any reflections"):
         fdcal.calibrate(replace(measurement, known=np.zeros(0, int), known_positions=None), solver="robust")
 
@@ -71,7 +71,9 @@ def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
 def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good():
     # a rigid sphere hears a diffuse field as a larger open one does: its shape is right and its size is not
     found = fdcal.calibrate(measured(rigid_sphere()), solver="robust")
-    assert found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined") and odd(found) == []
+    assert (
+        found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined") and faults(found) == []
+    )
 
 
 @pytest.mark.parametrize("count", [2, 3, 8])

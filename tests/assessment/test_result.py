@@ -52,8 +52,8 @@ LEAST = {
 MORE = {
     key: WHOLE[key]
     for key in (
-        "names excluded known uncertainty_m residual_to_noise verdict verdict_text sound_speed left_out_db"
-        " left_out_microphones_db left_out_frequencies_db"
+        "names excluded known uncertainty_m residual_to_noise verdict verdict_text sound_speed leave_one_out_db"
+        " leave_one_out_microphones_db leave_one_out_frequencies_db"
     ).split()
 }
 
@@ -114,8 +114,8 @@ MALFORMED = {  # values of a key that are refused, beside the least that a file 
             [GIVEN | {"more": 1}], [GIVEN | {"given_m": [0.1, 10**400]}],
         ],
         "channel_gain_db": [[0.0]], "channel_noise_db": [[0.0, math.inf]], "channel_phase_sigma_deg": [None],
-        "odd_channels": [[3]],
-        "odd_channel_details": [
+        "faulty_channels": [[3]],
+        "faulty_channel_details": [
             "b", [{"name": "b"}], [DETAIL | {"name": "z"}], [DETAIL | {"value": "2"}], [DETAIL | {"unit": ["dB"]}],
         ],
     },

@@ -29,10 +29,10 @@ def spoiled(made, tmp_path_factory):
 def test_faulty_channels_are_named_and_the_verdict_of_the_others_is_good(spoiled):
     folder, printed = spoiled
     result = json.loads((folder / "result.json").read_text())
-    assert result["verdict"] == "good" and result["odd_channels"] == [str(DEAD), str(INVERTED)]
-    assert [one["kind"] for one in result["odd_channel_details"]] == ["dead", "inverted"]
+    assert result["verdict"] == "good" and result["faulty_channels"] == [str(DEAD), str(INVERTED)]
+    assert [one["kind"] for one in result["faulty_channel_details"]] == ["dead", "inverted"]
     assert np.max(np.array(result["errors_m"])[HEALTHY]) < 0.003
-    assert np.max(np.array(result["left_out_microphones_db"])[HEALTHY]) < -20
+    assert np.max(np.array(result["leave_one_out_microphones_db"])[HEALTHY]) < -20
     assert "faulty: microphone 3: dead; microphone 9: inverted" in printed
     assert "over the 11 microphones sought without a faulty channel" in printed and "channels spread" in printed
 

@@ -46,7 +46,7 @@ def test_a_gain_that_all_channels_share_goes_to_the_field_and_changes_no_likelih
 def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, monkeypatch):
     problem, state = ended
     weaker = result(problem, state).spread.newton
-    monkeypatch.setattr(objective, "WEAKER_FIELD", 1.0)
+    monkeypatch.setattr(objective, "FIELD_POWER_FACTOR", 1.0)
     assert np.trace(weaker) > 1.02 * np.trace(result(problem, state).spread.newton)
 
 

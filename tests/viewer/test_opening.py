@@ -105,7 +105,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     context = browser.new_context(**PHONE)
     page = context.new_page()
     unhurried(page)
-    page.goto(f"{url}/?fixedDpr=0.25#face=explore", wait_until="domcontentloaded")
+    page.goto(f"{url}/?fixedDpr=0.25#layout=explore", wait_until="domcontentloaded")
     assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
     legend = page.locator("#fdcal [data-region=legend]")
     legend.get_by_text("low and dark").wait_for()
@@ -197,7 +197,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
 
     trigger(first.get_by_role("button", name="3-D", exact=True))
     angle = "window.__viserMutable.cameraControl.polarAngle"
-    while first.evaluate(angle) < 1.4:  # a face that has just changed may place the camera once more
+    while first.evaluate(angle) < 1.4:  # a layout that has just changed may place the camera once more
         first.mouse.move(30, 200)
         first.mouse.down()
         first.mouse.move(30, -1200, steps=4)

@@ -76,7 +76,7 @@ def test_the_line_is_coloured_by_the_code():
     assert FAULTY in verdict_html(dead) and GOOD not in verdict_html(dead), "not all is good"
 
 
-def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):
+def test_faulty_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work, threads):
     worker, states = VerdictWorker(work, threads), [State(work.measurement.positions, step) for step in range(2)]
     names = work.measurement.names
     judged = assessment("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
@@ -90,7 +90,7 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
 
 
 @pytest.mark.parametrize("verdict", [None, "good", "model_mismatch"])
-def test_no_face_says_of_a_run_what_the_verdict_on_it_contradicts(verdict, work):
+def test_no_layout_says_of_a_run_what_the_verdict_on_it_contradicts(verdict, work):
     measurement, sought = work.measurement, work.sought
     view = view_of([State(measurement.positions, finished=True, converged=False)])
     found = None if verdict is None else assessment(verdict, "")
@@ -114,7 +114,7 @@ def shown(remembered_runs):
     return measurement, fdcal.calibrate(measurement, solver="robust", modes=12)
 
 
-def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
+def test_the_table_has_the_faulty_channels_first_and_marks_them(shown):
     measurement, found = shown
     html = channel_table(measurement.names, found.channels, 100)
     first, fault = html.split("<tr")[2:4]

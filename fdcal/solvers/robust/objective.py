@@ -41,12 +41,12 @@ from .arrivals import Arrivals, TakeSources, arrivals_of
 from .state import (
     CORNER_SIGMA,
     DELAY_SIGMA,
+    FIELD_POWER_FACTOR,
     GIVEN_SIGMA,
     NEGLIGIBLE_DECREASE,
     STAGE_DAMPING,
     STAGES,
     SUSPICIOUS,
-    WEAKER_FIELD,
     Model,
     State,
 )
@@ -197,7 +197,7 @@ class Objective:
         """
         if self.tempering > 1:
             return self
-        return replace(self, field=replace(self.field, power=WEAKER_FIELD * self.field.power))
+        return replace(self, field=replace(self.field, power=FIELD_POWER_FACTOR * self.field.power))
 
     def beside(self, source: TakeSources | None) -> Objective:
         """Return the same objective, with arrivals whose fit begins at a `source` found at unknowns near by."""

@@ -5,9 +5,10 @@
            or the arrivals of a take
     H_b    part of H that belongs to block b
 
-H is computed with the power of the field multiplied by `WEAKER_FIELD`, which weakens the prior of an isotropic field. A
-combination of positions that then becomes uncertain was determined by that prior and not by the wave equation. Without
-given positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its frame.
+H is computed with the power of the field multiplied by `FIELD_POWER_FACTOR`, which weakens the prior of an isotropic
+field. A combination of positions that then becomes uncertain was determined by that prior and not by the wave equation.
+Without given positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its
+frame.
 
 A room is not the random field of the model, so that its blocks disagree by more, or less, than H says. The sandwich
 estimator measures this (Huber 1967, White 1980), with the leverage of each block corrected as if the block were left

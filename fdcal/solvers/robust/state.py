@@ -21,7 +21,7 @@ NEGLIGIBLE_DECREASE = 0.05
 
 # factor on the power of the field where covariances are computed, because rooms are less isotropic than the model;
 # without it the 95 % ellipses cover 87.8 instead of 92.7 %
-WEAKER_FIELD = 4.0
+FIELD_POWER_FACTOR = 4.0
 
 DELAY_SIGMA = 0.5  # metres, prior sigma of the delay (times the sound speed) of a single faulty channel
 CORNER_SIGMA = 2.0  # rad/m, prior sigma of the high-pass corner (times 2 pi / c) of a single faulty channel

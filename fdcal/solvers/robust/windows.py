@@ -5,7 +5,7 @@ long rows have found. Waves are added to the field of each take one after the ot
 reflections, while each decreases the cost clearly. Near the optimum x_s the fit is approximated by a quadratic that
 moves and turns with the array:
 
-    S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = MODEL_EXCESS lambda F^-1
+    S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = COVARIANCE_INFLATION lambda F^-1
     F       Fisher information on the positions, with all other parameters eliminated
     lambda  s^T F^-1 s / P, mean square of the scores s of the groups over their information; above 1 because the
             windows of one room are not independent
@@ -40,7 +40,7 @@ MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
 MAX_DIAMETER = 0.1
 # covariance of the result over that of the fit. The spectrum has few parameters, and all windows share its misfit:
 # without this factor the errors of simulated and measured arrays are 2.2 times the claimed sigma, at the median
-MODEL_EXCESS = 4.0
+COVARIANCE_INFLATION = 4.0
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
@@ -238,7 +238,7 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
     inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
     motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
     fixed = np.eye(len(at)) - motions @ motions.T
-    return MODEL_EXCESS * (fixed @ inverse[np.ix_(at, at)] @ fixed)
+    return COVARIANCE_INFLATION * (fixed @ inverse[np.ix_(at, at)] @ fixed)
 
 
 def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:

@@ -95,17 +95,17 @@ function introduce() {
   if (introduced || !greeted || !control) return;  // the two come in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
-  send(`face=${root.dataset.face}`);
+  send(`layout=${root.dataset.layout}`);
   const part = (text, name) => new URLSearchParams(text).get(name);
   if (written.server != server || written.address != asked) open(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(shared, name)))
-    open(asked.split("&").filter(pair => /^(face|view)=/.test(pair)).join("&"));
+    open(asked.split("&").filter(pair => /^(layout|view)=/.test(pair)).join("&"));
 }
 
 function open(text) {
   const parts = text.split("&");  // as they are: the server decodes them
-  for (const pair of parts) if (pair.startsWith("face=")) face(pair.slice(5));
-  text = parts.filter(pair => !pair.startsWith("face=")).join("&");
+  for (const pair of parts) if (pair.startsWith("layout=")) showLayout(pair.slice("layout=".length));
+  text = parts.filter(pair => !pair.startsWith("layout=")).join("&");
   if (text && !send(`open=${text}`) && text.length > 150) note(`The address is too long: ${text.slice(0, 60)}...`);
 }
 
@@ -255,11 +255,11 @@ function placeLabels(camera) {
   }
 }
 
-function face(name) {
+function showLayout(name) {
   const wanted = name == "expert" ? "expert" : "explore";
-  if (root.dataset.face != wanted) delete root.dataset.sheet;  // an address that names the face that is shown closes nothing
-  root.dataset.face = wanted;
-  if (introduced) send(`face=${wanted}`);
+  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // an address that names the layout that is shown closes nothing
+  root.dataset.layout = wanted;
+  if (introduced) send(`layout=${wanted}`);
   setTimeout(unfold, 50);
   write();
 }
@@ -299,13 +299,13 @@ async function upload(form) {
 }
 
 overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-back"><button data-local="sheet:lessons">Lessons</button> '
-  + '<button data-local="face:explore">Explore</button></div>');
+  + '<button data-local="layout:explore">Explore</button></div>');
 overlay.addEventListener("click", event => {
   const {do: act, local} = event.target.closest("[data-do], [data-local]")?.dataset ?? {};
   const input = event.target.closest("input, select");
   if (act && !input) send(act);
   const [what, value] = (local ?? "").split(":");
-  if (what == "face") face(value);
+  if (what == "layout") showLayout(value);
   if (what == "upload") { upload(event.target.closest("form")); return; }
   if (what == "sheet" && root.dataset.sheet != value) root.dataset.sheet = value;
   else if (event.target.closest("button")) delete root.dataset.sheet;
@@ -404,7 +404,7 @@ function view() {
 }
 
 function addressNow() {
-  const parts = [shared, root.dataset.face == "expert" && "face=expert", view() && `view=${view()}`];
+  const parts = [shared, root.dataset.layout == "expert" && "layout=expert", view() && `view=${view()}`];
   return "#" + parts.filter(Boolean).join("&");
 }
 
@@ -453,7 +453,7 @@ function lose() {
 
 // --- start
 
-face(new URLSearchParams(asked).get("face"));
+showLayout(new URLSearchParams(asked).get("layout"));
 root.toggleAttribute("data-linked", Boolean(asked));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
 addEventListener("DOMContentLoaded", () => {

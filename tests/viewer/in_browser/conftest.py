@@ -50,10 +50,10 @@ def opened(shared):
             button.wait_for(state="hidden")
 
     def as_wanted():  # asked for again where an answer to what was done before has changed it meanwhile
-        shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&face=expert'")
+        shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&layout=expert'")
         shared.wait_for_timeout(100)
         assert shared.get_by_role("button", name="Restart", exact=True).is_visible()
-        assert shared.evaluate("/scene=tiny&.*microphone=9.*map=flat.*face=expert/.test(location.hash)")
+        assert shared.evaluate("/scene=tiny&.*microphone=9.*map=flat.*layout=expert/.test(location.hash)")
 
     until(shared, as_wanted)
     begin_anew(shared)

@@ -53,7 +53,7 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
     page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
 
     page.goto("about:blank")  # away, while another browser goes on
-    other.evaluate("location.hash = 'microphone=3&map=none&face=expert'")
+    other.evaluate("location.hash = 'microphone=3&map=none&layout=expert'")
     other.wait_for_function("location.hash.includes('microphone=3')")
     page.go_back()
     page.wait_for_function("location.hash.includes('microphone=3')")
@@ -68,7 +68,7 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
 
 def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     alive(page)
-    page.evaluate("location.hash = 'microphone=8&map=none&face=expert'")
+    page.evaluate("location.hash = 'microphone=8&map=none&layout=expert'")
     page.wait_for_function("location.hash.includes('microphone=8')")
     served.stop()
     page.get_by_text("The connection is lost").wait_for()
@@ -85,7 +85,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
 def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(page):
     page.emulate_media(color_scheme="dark")
     page.locator("html[data-mantine-color-scheme=dark]").wait_for()
-    page.evaluate("location.hash = 'microphone=7&map=none&face=expert'")
+    page.evaluate("location.hash = 'microphone=7&map=none&layout=expert'")
     page.wait_for_function("location.hash.includes('microphone=7')")
     tab(page, "Map")
     handle = slider(page, "Microphone")
@@ -139,7 +139,7 @@ def ball(page):
     page.wait_for_function("location.hash.includes('scene=ball3d')")
     press(page, "Expert")
     page.get_by_text("fdcal · ball3d").wait_for()
-    page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&face=expert'")  # whose volume is made at once
+    page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&layout=expert'")  # whose volume is made at once
     page.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
     tab(page, "Map")
     return page

@@ -1,4 +1,4 @@
-"""The faces Explore and Expert in a real browser: scenes, Play, a lesson, sizes, contrast, the legend, a phone."""
+"""The layouts Explore and Expert in a real browser: scenes, Play, a lesson, sizes, contrast, the legend, a phone."""
 
 import re
 
@@ -226,7 +226,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     page.keyboard.press("Escape")
     press(page, "Expert")
     page.get_by_role("tab", name="Map").wait_for()
-    page.wait_for_function("location.hash.includes('face=expert')")
+    page.wait_for_function("location.hash.includes('layout=expert')")
     page.wait_for_function("document.querySelector('canvas[data-engine]').clientWidth < innerWidth - 600")
     readable(page)
     page.get_by_role("tab", name="Scene", exact=True).click()
@@ -236,7 +236,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     assert page.faults == []
 
 
-def test_a_lesson_is_a_caption_in_both_faces_and_on_a_phone_and_what_was_before_comes_back(page):
+def test_a_lesson_is_a_caption_in_both_layouts_and_on_a_phone_and_what_was_before_comes_back(page):
     lesson = load_lesson(LESSON)
     step, caption = lesson.steps[0], page.locator("[data-region=caption]")
     page.locator("[data-do='step=Step']").click()
