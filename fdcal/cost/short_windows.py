@@ -26,7 +26,6 @@ applies: the coherence of distant microphones is small at high frequencies, but 
 """
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,7 +33,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter
 from scipy.special import j0, j1, spherical_jn
 
-from ..model.validation import Complexes, Integers, Reals
+from ..model.validation import Bools, Complexes, Integers, Reals
 
 CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
 # Y_l = u^T Q u
@@ -77,12 +76,12 @@ class ShortField:
 
 @dataclass(frozen=True)
 class ShortTerms:
-    """Cost and derivatives by the parameters: (N, 5) of the microphones, spectrum, noise, and those of each take."""
+    """Cost and derivatives by the Q free ones of P parameters: (N, 5) of the microphones, spectrum, noise, takes."""
 
     cost: float
-    gradient: Reals  # (P,) float64; all derivatives are empty where only the cost was asked for
-    fisher: Reals  # (P, P) float64
-    scores: Reals  # (G, P) float64, gradient of each group, without the priors
+    gradient: Reals  # (Q,) float64; all derivatives are empty where only the cost was asked for
+    fisher: Reals  # (Q, Q) float64
+    scores: Reals  # (G, Q) float64, gradient of each group, without the priors
 
 
 def first_field(positions: Reals, takes: int) -> ShortField:
@@ -189,20 +188,26 @@ class ShortLikelihood:
 
     def powers(self, L: Complexes, field: ShortField) -> Reals:
         """Return p^H C^-1 p of each window (G, W), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
-        whitened = self.pressures @ (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2)
-        return np.sum(whitened.real**2 + whitened.imag**2, axis=2)
+        whitener = (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2).astype(self.pressures.dtype)
+        whitened = self.pressures @ whitener
+        return (whitened.real**2 + whitened.imag**2).sum(axis=2, dtype=np.float64)
 
     def scatter(self, q: Reals, field: ShortField) -> Complexes:
         """Return the sum of N p p^H / q over the windows, without gains (G, N, N); q : result of `powers`."""
         weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
-        scatter = (self.pressures * weight[..., None]).swapaxes(1, 2) @ np.conj(self.pressures)
+        weighted = self.pressures * weight[..., None].astype(self.pressures.real.dtype)
+        scatter = weighted.swapaxes(1, 2) @ np.conj(self.pressures)
         return scatter / (_gain(field)[:, None] * np.conj(_gain(field)))
 
-    def terms(self, field: ShortField, derivatives: bool = True) -> ShortTerms:
-        """Return the cost with priors; raises LinAlgError for a covariance that is not positive definite."""
+    def terms(self, field: ShortField, free: Bools | None = None) -> ShortTerms:
+        """Return the cost with priors, and its derivatives by the parameters that are `free`, (P,) bool, if given.
+
+        All microphones must have the same free parameters. Raises LinAlgError for a covariance that is not positive
+        definite.
+        """
         k, take, x, N = self.wavenumbers, self.takes, field.positions, len(field.positions)
         each, of_group = np.unique(k, return_inverse=True)
-        K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, derivatives)
+        K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, free is not None)
         noise_nodes, power_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, POWER_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
         h, by_wave, delay_slopes = self.waves(field, power_nodes)
@@ -215,20 +220,24 @@ class ShortLikelihood:
         cost = float(windows @ (log_det + 2 * field.channels[:, 0].sum()))
         cost += N * float(np.log(q[counts]).sum()) / self.dispersion
         prior_cost, prior_gradient, stiffness = _priors(field)
-        if not derivatives:
+        if free is None:
             return ShortTerms(cost + prior_cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         inverse: Complexes = np.linalg.inv(C)
         M = windows[:, None, None] * inverse - inverse @ self.scatter(q, field) @ inverse
         # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
+        of_each, of_all = np.flatnonzero(free[: len(CHANNEL)]), free[len(CHANNEL) * N :]
         rows = [
-            slope[of_group] - 1j * k[:, None, None] * ((moved * h).swapaxes(1, 2) @ h.conj())
-            for slope, moved in zip(slopes, delay_slopes, strict=True)
+            slopes[a][of_group] - 1j * k[:, None, None] * ((delay_slopes[a] * h).swapaxes(1, 2) @ h.conj())
+            for a in of_each[of_each < 3]
         ]
-        whole = [*shapes[:, of_group], noise[:, None, None] * np.eye(N)]
+        rows += [(C, 1j * C)[a - 3] for a in of_each[of_each >= 3]]
+        shape = np.flatnonzero(of_all[: len(SPECTRUM)])
+        whole = np.append(shapes[shape][:, of_group], (noise[:, None, None] * np.eye(N))[None], axis=0)
         design = _design(take, field, noise_nodes, power_nodes)
-        scores, fisher = _scores_and_fisher(windows, inverse, M, [*rows, C, 1j * C], whole, h, by_wave, design)
-        gradient = scores.sum(axis=0) + prior_gradient
-        return ShortTerms(cost + prior_cost, gradient, fisher + stiffness, scores)
+        design = design[:, np.append(shape, np.arange(len(SPECTRUM), design.shape[1]))][:, :, of_all]
+        scores, fisher = _scores_and_fisher(windows, inverse, M, np.array(rows), whole, h, by_wave, design)
+        gradient = scores.sum(axis=0) + prior_gradient[free]
+        return ShortTerms(cost + prior_cost, gradient, fisher + stiffness[np.ix_(free, free)], scores)
 
 
 def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:
@@ -258,48 +267,54 @@ def _scores_and_fisher(
     windows: Reals,
     inverse: Complexes,
     M: Complexes,
-    rows: Sequence[Complexes],
-    whole: Sequence[Reals],
+    rows: Complexes,
+    whole: Reals,
     h: Complexes,
     by_wave: Complexes,
     design: Reals,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gradient of each group (G, P) and the Fisher information (P, P), by all parameters.
+    """Return the gradient of each group (G, Q) and the Fisher information (Q, Q), by the free parameters.
 
-    M : (G, N, N), gradient by C; rows : D of each parameter of a microphone; whole : derivatives of C by each parameter
-    of the group but those of its waves, symmetric; h, by_wave : the waves and their derivatives, of
-    `ShortLikelihood.waves`; design : result of `_design`
+    M : (G, N, N), gradient by C; rows : (A, G, N, N), D of each free parameter of a microphone; whole : (V, G, N, N),
+    derivatives of C by each free parameter of the group but those of its waves, symmetric; h, by_wave : the waves and
+    their derivatives, of `ShortLikelihood.waves`; design : result of `_design`, of the free parameters
     """
-    G, N = len(inverse), inverse.shape[1]
-    P, weight = N * len(rows), windows * N / (N + 1)
-    X, transposed = [one @ inverse for one in rows], inverse.swapaxes(1, 2)
+    G, N, A, V = len(inverse), inverse.shape[1], len(rows), len(whole)
+    P, weight = N * A, windows * N / (N + 1)
+    X, transposed = rows @ inverse, inverse.swapaxes(1, 2)
+    # S C^-1 of each `whole` S, transposed (G, N, N, V), in real and imaginary part (G, N, 2, N, V)
+    parts = np.stack([transposed.real, transposed.imag], axis=2).reshape(G, 2 * N, N)
+    parts = (parts @ np.ascontiguousarray(whole.transpose(1, 2, 3, 0)).reshape(G, N, N * V)).reshape(G, N, 2, N, V)
     # A parameter of a wave changes C by u h^H + h u^H.
-    u, h = by_wave.reshape(G, -1, N), np.repeat(h, by_wave.shape[2], axis=1)
-    inner_u, inner_h = u @ transposed, h @ transposed
-    around = np.stack([inverse @ one @ inverse for one in whole], axis=1)
-    of_rows = np.stack([2 * np.einsum("gij,gji->gi", one, M).real for one in rows], axis=2).reshape(G, P)
-    traces = np.stack([2 * np.einsum("gii->gi", one).real for one in X], axis=2).reshape(G, P)
-    F, cross = np.zeros((N, len(rows), N, len(rows))), np.zeros((G, N, len(rows), len(whole) + u.shape[1]))
+    u, repeated = by_wave.reshape(G, -1, N), np.repeat(h, by_wave.shape[2], axis=1)
+    inner_u, inner_h = u @ transposed, repeated @ transposed
+    of_rows = 2 * np.einsum("agij,gji->gia", rows, M).real.reshape(G, P)
+    traces = 2 * np.einsum("agii->gia", X).real.reshape(G, P)
+    F, cross = np.zeros((N, A, N, A)), np.zeros((G, N, A, V + u.shape[1]))
+    real_X = np.stack([X.real, -X.imag], axis=3).transpose(1, 2, 0, 3, 4).reshape(G, N, A, 2 * N)
+    cross[..., :V] = 2 * (real_X @ parts.reshape(G, N, 2 * N, V))
     for a, one in enumerate(rows):
-        for b in range(a, len(rows)):
+        for b in range(a, A):
             both = X[a] * X[b].swapaxes(1, 2) + transposed * (X[a] @ np.conj(rows[b].swapaxes(1, 2)))
             F[:, a, :, b] = 2 * np.tensordot(weight, both.real, 1)
             F[:, b, :, a] = F[:, a, :, b].T
-        cross[:, :, a, : len(whole)] = 2 * np.einsum("gij,gvji->giv", one, around, optimize=True).real
         both = (one @ inner_u.swapaxes(1, 2)) * inner_h.conj().swapaxes(1, 2)
         both += (one @ inner_h.swapaxes(1, 2)) * inner_u.conj().swapaxes(1, 2)
-        cross[:, :, a, len(whole) :] = 2 * both.real
-    flat = np.stack(whole, axis=1).reshape(G, len(whole), -1)
-    of_waves = [2 * np.sum(h.conj() * (u @ one.swapaxes(1, 2)), axis=2).real for one in (M, inverse)]
+        cross[:, :, a, V:] = 2 * both.real
+    flat = whole.swapaxes(0, 1).reshape(G, V, -1)
+    of_waves = [2 * np.sum(repeated.conj() * (u @ one.swapaxes(1, 2)), axis=2).real for one in (M, inverse)]
     of_whole, traces_whole = (
         np.hstack([(flat @ one.real.reshape(G, -1, 1))[..., 0], waves])
         for one, waves in zip((M, inverse), of_waves, strict=True)
     )
-    across_waves = 2 * np.sum((u[:, None] @ around.swapaxes(2, 3)) * h[:, None].conj(), axis=3).real
-    mixed = h.conj() @ inner_u.swapaxes(1, 2)
+    both = np.conj(h @ (parts[:, :, 0] + 1j * parts[:, :, 1]).reshape(G, N, N * V)).reshape(G, -1, N, V)
+    across_waves = 2 * np.einsum("gwj,gwjv->gvw", inner_u, np.repeat(both, by_wave.shape[2], axis=1)).real
+    mixed = repeated.conj() @ inner_u.swapaxes(1, 2)
     waves = mixed * mixed.swapaxes(1, 2)
-    waves += (h.conj() @ inner_h.swapaxes(1, 2)) * np.conj(u.conj() @ inner_u.swapaxes(1, 2))
-    plain = flat @ around.real.reshape(G, len(whole), -1).swapaxes(1, 2)
+    waves += (repeated.conj() @ inner_h.swapaxes(1, 2)) * np.conj(u.conj() @ inner_u.swapaxes(1, 2))
+    plain = np.zeros((G, V, V))
+    for sign, part in ((1, parts[:, :, 0]), (-1, parts[:, :, 1])):
+        plain += sign * (part.transpose(0, 3, 1, 2).reshape(G, V, -1) @ part.swapaxes(1, 2).reshape(G, -1, V))
     own = np.block([[plain, across_waves], [across_waves.swapaxes(1, 2), 2 * waves.real]])
     weighted = weight[:, None, None] * design
     shared = np.tensordot(weighted, own @ design, ((0, 1), (0, 1)))

@@ -272,7 +272,7 @@ def _measurement_of_take(
         if found_arrivals is not None:
             times, sigma = found_arrivals
             measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
-    measurement = replace(measurement, windows=short_windows(responses, kind, options, takes, number))
+    measurement = replace(measurement, windows=short_windows(responses, kind, options, takes, number, axes))
     how = (recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words, height)
     return measurement, ImportReport(*how)
 

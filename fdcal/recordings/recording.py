@@ -163,7 +163,7 @@ class ImportOptions:
     frequencies : str
         "auto" or "LO:HI", Hz.
     windows : str
-        "auto", "none" or "LO:HI", Hz: band of the short windows, which are used of 32 microphones at most.
+        "auto", "none" or "LO:HI", Hz: band of the short windows of at most 32 microphones, 64 in a plane.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     max_rows : int or None

@@ -13,11 +13,15 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds
-MAX_COUNT = 32  # microphones: the time of a fit grows with their cube
+# Number of microphones by the number of their coordinates. Sixty-four in space take a minute of processor time, and the
+# heights of a flat array are not found reliably: one ends 41 mm off, in the plane 6 mm.
+MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # microphones, up to which an array is tested for being flat
 SKIP = 0.02  # seconds after the direct sound
 MAX_WINDOWS = 400  # of all takes together
-MAX_GROUPS = 120  # of all takes together
+# Groups of all takes together, and number of microphones above which there are fewer: the time for a group grows with
+# the square of this number
+MAX_GROUPS, MANY = 120, 32
 MIN_WINDOWS = 30
 SPACING = 1.5  # of the frequencies, over that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
@@ -29,7 +33,7 @@ SHORTEST = 0.2  # seconds after the onset that are always used
 
 
 def short_windows(
-    recording: Recording, kind: str, options: ImportOptions, takes: int = 1, number: int = 0
+    recording: Recording, kind: str, options: ImportOptions, takes: int = 1, number: int = 0, axes: int = 3
 ) -> ShortWindows | None:
     """Return the windows of a take; None if the options exclude them or the take is not suitable.
 
@@ -37,9 +41,9 @@ def short_windows(
     only. InputError for a band that the recording cannot hold.
 
     kind : one of `fdcal.recordings.recording.KINDS`; takes, number : number of takes, and the number of this one, since
-    each take has other frequencies
+    each take has other frequencies; axes : number of coordinates of a microphone
     """
-    if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT:
+    if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT[axes]:
         return None
     band = LOWEST, min(HIGHEST, IMPORT_LIMITS.max_frequency * recording.sample_rate)
     if options.windows != "auto":
@@ -50,7 +54,8 @@ def short_windows(
     first, last = (0, recording.samples - n) if kind == "stationary" else _decay(recording, n)
     if last <= first:
         return None
-    spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, MAX_GROUPS // takes))
+    groups = int(MAX_GROUPS * min(1.0, (MANY / recording.count) ** 2))
+    spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
     f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
     transform = np.exp(-2j * np.pi * np.outer(np.arange(n), f) / fs) * np.hanning(n)[:, None]
     count = int(min(max(MIN_WINDOWS, MAX_WINDOWS // takes), (last - first) / (n / 2) + 1))

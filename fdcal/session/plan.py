@@ -325,7 +325,7 @@ def make_plan(request: PlanRequest) -> Plan:
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
         windows: list[Information | None] = [None] * len(noise)
-        if request.dimension == 3 and len(x) <= MAX_COUNT and pdist(x).max() <= rules.widest_m:
+        if request.dimension == 3 and len(x) <= MAX_COUNT[x.shape[1]] and pdist(x).max() <= rules.widest_m:
             k = 2 * np.pi * np.linspace(LOWEST, HIGHEST, rules.window_frequencies) / request.sound_speed
             unexplained = [max(one / (1 + one), rules.window_noise) for one in noise]
             windows = [diffuse_information(x, k, one, 3).scaled(rules.windows / len(k)) for one in unexplained]

@@ -54,21 +54,24 @@ def test_the_gradient_is_that_of_the_cost(ring):
     likelihood.pressures[3, 4:7] = 0
     likelihood = replace(likelihood, dispersion=2.5)
     here = replace(field, positions=field.positions + 0.01 * rng.standard_normal((N, 3)))
-    terms = likelihood.terms(here)
+    every, some = (short.free_parameters(here, np.arange(*axes), True, 7) for axes in ((3,), (2,)))
+    terms = likelihood.terms(here, every)
     h = 1e-6
     numerical = [
-        (likelihood.terms(short.advanced(here, e), False).cost - likelihood.terms(short.advanced(here, -e), False).cost)
-        / (2 * h)
+        (likelihood.terms(short.advanced(here, e)).cost - likelihood.terms(short.advanced(here, -e)).cost) / (2 * h)
         for e in h * np.eye(len(terms.gradient))
     ]
     assert np.abs(terms.gradient - numerical).max() < 1e-5 * np.abs(terms.gradient).max()
+    part = likelihood.terms(here, some)
+    np.testing.assert_allclose(part.scores, terms.scores[:, some], atol=1e-9)
+    np.testing.assert_allclose(part.fisher, terms.fisher[np.ix_(some, some)], atol=1e-9)
 
 
 def test_the_scores_of_the_model_scatter_as_the_information_says():
     rng = np.random.default_rng(1)
     field = some_field(rng)
     likelihood = drawn(field, rng, windows=60, frequencies=40)
-    terms = likelihood.terms(field)
+    terms = likelihood.terms(field, short.free_parameters(field, np.arange(3), True, 7))
     values, vectors = np.linalg.eigh(terms.fisher)
     kept = values > 1e-3 * values[-1]
     scatter = np.mean(np.sum((terms.scores @ vectors[:, kept]) ** 2, axis=0) / values[kept])
@@ -80,14 +83,14 @@ def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the
     field = replace(some_field(rng), spectrum=np.array([0, 0, 0, 0, -0.3, 0.1, 0.2]))
     likelihood = drawn(field, rng)
     louder = replace(likelihood, pressures=likelihood.pressures * np.exp(rng.standard_normal((2 * F, W, 1))))
-    before = [one.terms(field, False).cost for one in (likelihood, louder)]
+    before = [one.terms(field).cost for one in (likelihood, louder)]
     turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
     turned = replace(field, positions=field.positions @ turn, directions=field.directions @ turn)
     other = replace(field, positions=1.1 * field.positions)
-    after = [one.terms(turned, False).cost for one in (likelihood, louder)]
+    after = [one.terms(turned).cost for one in (likelihood, louder)]
     assert np.allclose(before, after, rtol=1e-12, atol=1e-6)
     # the own power of a window costs N log of its power, whatever the positions
-    assert np.diff(before) == pytest.approx(np.diff([one.terms(other, False).cost for one in (likelihood, louder)]))
+    assert np.diff(before) == pytest.approx(np.diff([one.terms(other).cost for one in (likelihood, louder)]))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -121,7 +124,7 @@ def test_direct_sound_and_a_reflection_are_found_one_after_the_other():
     both = short.with_wave(likelihood, direct)
     assert np.all(np.sum(direct.directions * field.directions[:, :1], axis=2) > 0.95)
     assert both.directions.shape == field.directions.shape
-    assert np.all(np.diff([likelihood.terms(one, False).cost for one in (alone, direct, both)]) < 0)
+    assert np.all(np.diff([likelihood.terms(one).cost for one in (alone, direct, both)]) < 0)
 
 
 def test_the_cost_of_another_place_is_that_of_the_covariance_there():

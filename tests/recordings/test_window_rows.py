@@ -109,3 +109,12 @@ def test_windows_of_impossible_values_are_refused(name, value):
 
 def test_a_measurement_refuses_those_of_another_count(measured):
     refuses("microphones", lambda: replace(measured, windows=measured.windows.of_microphones(np.arange(4))))
+
+
+def test_many_channels_have_windows_in_the_plane_alone_and_at_fewer_frequencies():
+    samples = noise(64, 2.0)
+    recording = recording_of("x", "stationary", RATE, samples)
+    few = windows_of(samples[:8])
+    assert short_windows(recording, "stationary", ImportOptions()) is None
+    many = short_windows(recording, "stationary", ImportOptions(), axes=2)
+    assert many is not None and len(many.frequencies) < len(few.frequencies)

@@ -174,10 +174,10 @@ def precision_of(covariance: Reals, positions: Reals) -> np.ndarray:
 def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> ShortLikelihood:
     """Return the likelihood of windows, with the `phases` (N,) of the channels removed and their mean levels equal."""
     k = 2 * np.pi * windows.frequencies / sound_speed
-    p = windows.pressures * np.exp(-1j * phases)
-    power = np.mean(np.abs(p) ** 2, axis=(0, 1))
+    power = np.mean(np.abs(windows.pressures) ** 2, axis=(0, 1))
+    factors = np.exp(-1j * phases) / np.sqrt(np.maximum(power, np.finfo(power.dtype).tiny))
     takes = np.unique(windows.takes, return_inverse=True)[1]
-    return ShortLikelihood(k, takes, p / np.sqrt(np.maximum(power, 1e-300)))
+    return ShortLikelihood(k, takes, windows.pressures * factors.astype(windows.pressures.dtype))
 
 
 def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
@@ -233,9 +233,9 @@ def fitted(
 
 def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers) -> np.ndarray:
     """Return the covariance (N D, N D), metres^2, of the positions at the optimum `field`, without rigid motions."""
-    index = np.flatnonzero(free_parameters(field, axes, channels=True, spectrum=7))
-    at = np.searchsorted(index, (5 * np.arange(len(field.positions))[:, None] + axes).ravel())
-    inverse = np.linalg.pinv(likelihood.terms(field).fisher[np.ix_(index, index)], rcond=1e-10, hermitian=True)
+    free = free_parameters(field, axes, channels=True, spectrum=7)
+    at = np.searchsorted(np.flatnonzero(free), (5 * np.arange(len(field.positions))[:, None] + axes).ravel())
+    inverse = np.linalg.pinv(likelihood.terms(field, free).fisher, rcond=1e-10, hermitian=True)
     motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
     fixed = np.eye(len(at)) - motions @ motions.T
     return COVARIANCE_INFLATION * (fixed @ inverse[np.ix_(at, at)] @ fixed)
@@ -279,7 +279,7 @@ def with_rival(
     found, other = _minimised(
         likelihood, min(tried, key=lambda one: one[0])[1], axes, spectrum=7, channels=True, least=1.0
     )
-    cost = likelihood.terms(field, False).cost
+    cost = likelihood.terms(field).cost
     if other > cost + MISFIT_NATS:
         return field, None
     better, rival = (found, field) if other < cost else (field, found)
@@ -303,11 +303,11 @@ def _minimised(
     damping, index, cost = FIRST_DAMPING, np.flatnonzero(free), np.inf
     max_step = MAX_STEP * 2 * np.pi / float(likelihood.wavenumbers.max())
     for _ in range(steps):
-        here = likelihood.terms(field)
+        here = likelihood.terms(field, free)
         step = damped_step(
             field,
-            NewtonTerms(here.cost, here.gradient[index], here.fisher[np.ix_(index, index)]),
-            lambda tried: likelihood.terms(tried, False).cost,
+            NewtonTerms(here.cost, here.gradient, here.fisher),
+            lambda tried: likelihood.terms(tried).cost,
             lambda y, field=field: advanced(field, np.asarray(np.bincount(index, y, len(free)), float)),
             lambda tried, field=field: float(np.abs(tried.positions - field.positions).max()),
             damping,
@@ -356,10 +356,9 @@ def _dispersion(
     likelihood: ShortLikelihood, field: ShortField, axes: Integers, spectrum: int, channels: bool = False
 ) -> float:
     """Return lambda of the module, at least 1."""
-    here = replace(likelihood, dispersion=1.0).terms(field)
-    index = np.flatnonzero(free_parameters(field, axes, channels, spectrum))
-    scores = here.scores[:, index] - here.scores[:, index].mean(axis=0)
-    values, vectors = np.linalg.eigh(here.fisher[np.ix_(index, index)])
+    here = replace(likelihood, dispersion=1.0).terms(field, free_parameters(field, axes, channels, spectrum))
+    scores = here.scores - here.scores.mean(axis=0)
+    values, vectors = np.linalg.eigh(here.fisher)
     kept = values > ZERO * values[-1]
     ratios: Reals = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]
     return max(1.0, float(ratios.mean()))
