@@ -133,7 +133,7 @@ def _covered(found, covariance, case: Case, healthy, judged) -> int:
 
 def _faulty(result: dict) -> set[str]:
     """Names of the channels that the result calls faulty."""
-    named = {entry["name"] if isinstance(entry, dict) else str(entry) for entry in result.get("faulty_channels", ())}
+    named = {entry["name"] if isinstance(entry, dict) else str(entry) for entry in result.get("odd_channels", ())}
     if named or result["verdict"] != "known_position":
         return named
     return set(re.findall(r"\b\d+\b", result["verdict_text"])) & {str(name) for name in result["names"]}

@@ -104,7 +104,7 @@ class ResultTable(msgspec.Struct, rename=RENAMED):
     phase_deg: OfEachMicrophone = ABSENT
     phase_sigma_deg: OfEachMicrophone = ABSENT
     noise_db: OfEachMicrophone = ABSENT
-    faulty_channels: list[str] = ABSENT
+    odd_channels: list[str] = ABSENT
     faults: tuple[ChannelFault, ...] = ABSENT
     given: list[GivenRow] = ABSENT
     check: CheckRow = ABSENT
@@ -138,7 +138,7 @@ def result_text(self: Calibration) -> str:
     channels, keys = self.channels, ResultTable.__struct_fields__
     values = {key: getattr(part, key) for part in (self, self.evidence, channels) for key in keys if hasattr(part, key)}
     if channels is not None:
-        values["faulty_channels"] = [fault.name for fault in channels.faults]
+        values["odd_channels"] = [fault.name for fault in channels.faults]
         rows = [GivenRow(p.name, p.given, p.found, p.difference, p.sigma, p.wrong) for p in channels.given]
         values["given"] = rows or None
     table = msgspec.to_builtins(ResultTable(**values), enc_hook=lambda array: array.tolist())

@@ -29,7 +29,7 @@ def spoiled(made, tmp_path_factory):
 def test_faulty_channels_are_named_and_the_verdict_of_the_others_is_good(spoiled):
     folder, printed = spoiled
     result = json.loads((folder / "result.json").read_text())
-    assert result["verdict"] == "good" and result["faulty_channels"] == [str(DEAD), str(INVERTED)]
+    assert result["verdict"] == "good" and result["odd_channels"] == [str(DEAD), str(INVERTED)]
     assert [one["kind"] for one in result["faulty_channel_details"]] == ["dead", "inverted"]
     assert np.max(np.array(result["errors_m"])[HEALTHY]) < 0.003
     assert np.max(np.array(result["leave_one_out_microphones_db"])[HEALTHY]) < -20

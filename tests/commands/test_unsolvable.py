@@ -50,7 +50,7 @@ def test_a_faulty_channel_is_named_in_the_whole_result_and_may_be_left_out(calib
     assert result["sound_speed"] == 343.0 and result["excluded"] == []
     odd = column(17, lambda p: 0.4 * p[:, 17])
     code, out, _, result = calibrate(odd)
-    assert code == 0 and result["faulty_channels"] == ["17"] and len(result["positions"]) == 25
+    assert code == 0 and result["odd_channels"] == ["17"] and len(result["positions"]) == 25
     code, _, _, result = calibrate(odd, "--exclude", "17")
     assert code == 0 and result["excluded"] == ["17"] and "17" not in result["names"]
     assert len(result["positions"]) == len(result["names"]) == len(result["uncertainty_m"]) == 24
