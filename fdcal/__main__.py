@@ -54,23 +54,23 @@ def _interrupted(number: int, frame: FrameType | None) -> None:
 
 
 def _end_at_once(*_) -> None:
-    """End the process: a library that is interrupted while it loads raises anything, or nothing."""
+    """End the process, because a library that is interrupted while it loads may raise any exception or ignore it."""
     os.write(2, b"error: interrupted; nothing is left half-written\n")
     os._exit(130)
 
 
 def _require_streams() -> None:
-    """Open the standard streams that are closed, so that no file of ours gets their numbers and no print fails."""
+    """Open closed standard streams, so that no other file gets their numbers and `print` does not fail."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # it takes the lowest free number, which is this one
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free file number, which is this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a file's name need not be of any encoding
+            stream.reconfigure(errors="backslashreplace")  # names of files may not be valid text
 
 
 if __name__ == "__main__":

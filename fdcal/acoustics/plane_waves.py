@@ -35,8 +35,8 @@ from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
 DIRECT_SOUND = 0.1  # level at which the direct sound begins, as a fraction of the peak
-SEGMENTS = 20  # parts of equal length whose peaks are compared; the fewest samples
-END_PEAK = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
+SEGMENTS = 20  # number of equal parts whose peaks are compared; also the least number of samples
+END_PEAK = 5.0  # largest ratio of the peak of the last part to the peak of the quietest part
 MAX_SAMPLES = 1_000_000
 
 

@@ -232,23 +232,23 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("too_noisy", lambda seen, limit: seen.noise_fraction > limit,
             lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
             "measure ten times longer, or 10 dB louder",
-            0.3, "noise over the power; with more the search itself is a guess"),
+            0.3, "noise over the power; above this the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array, because there are hardly any reflections"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", 0.12, "faulty channels that the field does not explain, over all; more are no single faults"),
+            "", 0.12, "fraction of channels that the field does not explain; more have a common cause"),
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
-                         f" {listed(one.name for one in seen.faulty.values())}: too few are left that agree",
+                         f" {listed(one.name for one in seen.faulty.values())}: too few healthy channels remain",
             "check their cables and gains",
-            0.3, "channels with a fault of any kind, over all; with more the healthy ones are hardly the rule"),
+            0.3, "fraction of channels with any fault; above this too few healthy channels remain to compare with"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
-            "", 0.1, "uneven channels over all; fewer are single noisy channels"),
+            "", 0.1, "fraction of uneven channels; fewer are faults of single channels"),
     Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max,
             lambda seen: f"{np.sum(seen.healthy)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz"
                          f" (Eq. 9), but modes up to {seen.highest:.0f} Hz are in use",
@@ -262,7 +262,7 @@ FINDINGS: tuple[Finding, ...] = (
                          " contradicts the recordings; it or the sound speed is wrong, or the channel is swapped"
                          " with another",
             "check the positions and the cables of the known microphones",
-            0.2, "misplaced given positions over all; more leave no frame to trust"),
+            0.2, "fraction of misplaced given positions; with more the frame of the array is unreliable"),
     Finding("known_position", lambda seen, limit: seen.agreement <= limit,
             _disagreement,
             "",
@@ -315,7 +315,7 @@ FINDINGS: tuple[Finding, ...] = (
             lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
                          f" place that microphone only to {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
-            0.04, "metres, one sigma of the loosest given microphone, or three sigmas of the array"),
+            0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),
     Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),
 )
 # fmt: on

@@ -17,7 +17,8 @@ from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
 
 MIN_MOVE = 1e-3  # metres, least correction of a given position that is mentioned
 MAX_ROWS = 12  # of the table of given positions
-STEP_LEFT = "the step left is small beside one sigma"  # why a run that did not converge can have the verdict "good"
+# why a run that did not converge can have the verdict "good"
+STEP_LEFT = "the remaining step is small compared with one sigma"
 
 
 def end_word(converged: bool, trusted: bool) -> str:
@@ -271,7 +272,7 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
     """Return the faults of a list that fits the array found, in words: exchanged channels, wrong rows, its size."""
     found = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:
-        found.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
+        found.append(f"channels {', '.join(str(names[n]) for n in cycle)} are exchanged in a cycle")
     if fit is None:
         return found
     found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its place" for n in fit.misplaced]
@@ -324,7 +325,7 @@ def comparison_sentences(
         lines = list_faults(check, rows, names)
         if moved > MAX_LISTED * len(names):
             exchanges = len(check.swapped) + len(check.permuted)
-            every = f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"
+            every = f"{moved} of {len(names)} channels are exchanged{_pattern(check.order)}"
             lines[:exchanges] = [every]
         elif not moved:
             lines.insert(0, _unchanged(check, verdict, untrusted, fit))
@@ -332,11 +333,11 @@ def comparison_sentences(
         reason = "it is of another array, or most of its positions are far off"
         if untrusted:
             reason = f"the positions found are {untrusted}, or it is of another array"
-        lines = [f"the list fits the array found in no order: {reason}"]
+        lines = [f"the list does not fit the array found in any order: {reason}"]
     if check.fits and check.symmetric:
         lines.append(
-            "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
-            " cannot be seen without known microphones"
+            "the list also fits when rotated or mirrored, since the array is symmetric: without known microphones an"
+            " exchange of most channels cannot be detected"
         )
     if check.fits and check.moved and check.scale == 1:  # a list in other units always has other axes
         lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
@@ -345,7 +346,7 @@ def comparison_sentences(
         hint = f": is it in {units[0]}? Give metres" if units else ""
         size = f"the list is about {check.scale:.3g} times as large as the array found"
         size = _of_size(check.scale) if check.fits and near else size
-        after = "; the distances are those of the list in the size of the array" if check.fits else ""
+        after = "; for the distances the list is scaled to the size of the array" if check.fits else ""
         lines.append(f"{size}{hint}{after}")
     for n in np.argsort(-check.errors, kind="stable").tolist():
         row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
@@ -362,7 +363,7 @@ def _pattern(order: np.ndarray) -> str:
         return ": the list is in reverse"
     for first in (0, 1):
         if np.array_equal(order, np.argsort(sorted(range(first, first + count), key=str))):
-            return ": its rows are sorted as text (1, 10, 11, ...); in the order of the numbers in its names it fits"
+            return ": its rows are sorted as text (1, 10, 11, ...); it fits if they are sorted as numbers"
     if not np.array_equal(order, (own + shift) % count):
         return ""
     half = " (its halves are exchanged)" if 2 * shift == count else ""
@@ -379,7 +380,7 @@ def _unchanged(check: PositionCheck, verdict: str, untrusted: str, fit: ListFit 
         largest, least = (length_text(float(x), 2) for x in (errors.max(), spacing.min()))
         others = " of the others" if misplaced else ""
         return (
-            f"no swap is seen: the largest distance{others}, {largest}, is far below the spacing of the microphones,"
-            f" {least}, though the verdict is {verdict}"
+            f"no swap is detected: the largest distance{others}, {largest}, is far below the spacing of the"
+            f" microphones, {least}, though the verdict is {verdict}"
         )
     return f"swaps cannot be detected from positions that are {untrusted}"

@@ -262,7 +262,7 @@ def calibrate(
 @opt.option("--known-sigma LENGTH", "One sigma of each given coordinate.", type=opt.length, default="0mm")
 @opt.option("--gain-sigma DB", "gain_sigma_db", "Spread of the channels' gains.", type=opt.decibels, default="0dB")
 @opt.option("--accuracy LENGTH", "The RMS error that is wanted.", type=opt.length, default="10mm")
-@opt.option("--takes N", "Places of the source, equally long each.", type=int, default=1)
+@opt.option("--takes N", "Source positions, each recorded for the same time.", type=int, default=1)
 @opt.option("--kind", "impulse: arrival times count, too.", type=["stationary", "impulse"], default="stationary")
 @opt.option("--seed S", "Random seed of the places of the source.", type=click.IntRange(0), default=0)
 def plan(layout, room, known, seed, **given):

@@ -99,8 +99,8 @@ INTERRUPTED = 130  # exit code
 @opt.option("--seconds", "Length of each take.", type=float, default=30.0)
 @opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=float)
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
-@opt.option("--replay FILE", "Replay a recording in place of a sound card: a take each.", multiple=True)
-@opt.option("--positions FILE", "List of the positions: names swapped channels.")
+@opt.option("--replay FILE", "Recording to replay instead of a sound card, one for each take.", multiple=True)
+@opt.option("--positions FILE", "List of all positions, to find swapped channels.")
 @opt.option("--known NAMES|FILE", "Known microphones, as of import.")
 @opt.option("--temperature C", "Of the air, degrees Celsius.", type=float)
 @opt.option("--array-dimension", "2: the microphones lie in a plane.", type=click.IntRange(2, 3))
@@ -138,7 +138,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     for file in replay:
         check_take(replayed(file, inputs), path, seconds)
     for left in sorted(path.parent.glob(f"{TEMPORARY}*{path.suffix}")):
-        print(f"a take that was not ended is there: mv {left} NAME{path.suffix} keeps it, rm {left} deletes it")
+        print(f"an unfinished take exists: mv {left} NAME{path.suffix} keeps it, rm {left} deletes it")
     paths, written = list(earlier), 0
     while True:
         stream = replayed(replay[written], inputs) if replay else sound_card(inputs, rate, device)

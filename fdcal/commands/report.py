@@ -51,7 +51,7 @@ UNITS_APART = 2.0  # ratio of sizes from which a list counts as one in another u
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
-    """Return whether the size of the array is undetermined, so that it is compared in the size of the list."""
+    """Return whether the size of the array is undetermined; it is then scaled to the size of the list."""
     ratio = size_ratio(result.positions, np.asarray(inputs.measurement.positions))
     wrong = result.verdict != "good" and MAX_SCALE < max(ratio, 1 / ratio) < UNITS_APART
     return result.verdict == "scale_undetermined" or wrong
@@ -63,7 +63,8 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
     if _size_is_open(inputs, result):
         lines.append(
-            f"the size of the array found is not to be trusted ({result.verdict}): it is compared in that of the list"
+            f"the size of the array found is not to be trusted ({result.verdict}): the array is scaled to the size of"
+            " the list for this comparison"
         )
     return "\n".join(lines)
 
@@ -94,7 +95,7 @@ def takes_report(
     if result.mean_error is not None:
         lines.append(f"list    {words.error_words(result)} from {inputs.compared_with}")
         if check is not None and not check.fits:
-            lines.append("list    it fits the array found in no order")
+            lines.append("list    it does not fit the array found in any order")
     named = "; ".join([*(words.faults_text([fault]) for fault in faults), *wrong])
     lines += [f"verdict {said['verdict']}", f"faults  {named or 'none found'}"]
     if wrong or any(FAULTS[fault.kind].mend for fault in faults):

@@ -81,7 +81,7 @@ class Room:
         """Return the keys that a scene file may leave out."""
         if "response" in table:
             return "size", "outline", "admittance", "cell", "walls", "sound_speed"
-        return "response", "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
+        return "response", "size", "outline", "admittance", *(("cell",) if not_planar(table.get("size")) else ())
 
     def __post_init__(self):
         if self.response is not None:
@@ -181,7 +181,7 @@ class Source:
         places = table.get("positions")
         first = places[0] if isinstance(places, list) and places else table.get("position")
         other = "position" if "positions" in table else "positions"
-        return other, *(cls.DEFAULTS._fields if is_no_pair(first) else ())
+        return other, *(cls.DEFAULTS._fields if not_planar(first) else ())
 
     def __post_init__(self):
         if (self.position is None) == (not self.positions):
@@ -233,8 +233,8 @@ class Source:
         return Band(self.low, self.high, self.sample_rate)
 
 
-def is_no_pair(values: Any) -> bool:
-    """Return whether a value of a scene file is a list without exactly two entries, so that it is not in a plane."""
+def not_planar(values: Any) -> bool:
+    """Return whether a list of a scene file, a size or a position, does not have the two entries of a plane."""
     return isinstance(values, list) and len(values) != 2
 
 
@@ -286,7 +286,7 @@ class Scene:
         """
         room = table.get("room")
         measured = isinstance(room, dict) and "response" in room
-        boxed = measured or (isinstance(room, dict) and is_no_pair(room.get("size")))
+        boxed = measured or (isinstance(room, dict) and not_planar(room.get("size")))
         return "name", "title", "faults", *(("source",) if measured else ()), *(("search",) if boxed else ())
 
     @property

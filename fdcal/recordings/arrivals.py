@@ -32,17 +32,19 @@ class ArrivalRules:
     """How arrivals are found."""
 
     fine: int = 16  # points per sample
-    first: float = 0.4  # fraction of the greatest value that the direct sound has at least
+    first: float = 0.4  # least peak of the direct sound, as a fraction of the highest peak
     # before, after: of the window about a peak, in samples, but at least `min_window` seconds each
     before: float = 4.0
     after: float = 4.0
     min_window: float = 2.5e-4  # seconds
     taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
-    quiet: float = 2.0  # ratio of amplitudes by which the peak exceeds what precedes it
+    quiet: float = 2.0  # least ratio of the peak to the largest amplitude before its window
     min_correlation: float = 0.7  # with the template
-    span: float = 0.02  # seconds, by which arrivals may differ: an array of some metres
-    rounds: int = 4  # of template and times
-    shifted: float = 0.4  # a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
+    span: float = 0.02  # seconds; arrivals may differ from their median by this, as in an array of some metres
+    rounds: int = 4  # iterations of the template and the times
+    # a of the module. With a = 1, sigma is 1.1 mm where errors are 0.3 mm (rooms of image sources), and 1.3 mm where
+    # they are 0.4 mm (a measured array)
+    shifted: float = 0.4
     min_sigma: float = 3e-4  # metres, over the sound speed: least one sigma of an arrival
     speed: float = 343.0  # m/s, of `min_sigma` and `span`
 

@@ -31,12 +31,12 @@ class ClippingThresholds:
     """Thresholds by which a channel counts as silent or clipped."""
 
     silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
-    run: int = 3  # neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long
-    full_scale: float = 0.999  # fraction of full scale from which a sample counts as being there
-    full_scale_run: int = 2  # neighbouring samples at full scale
-    full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
-    # edge_count: number of samples at the greatest value from which a channel may be clipped; edge_ratio: that number
-    # over the number of samples at the next smaller value
+    run: int = 3  # successive samples at the greatest magnitude of a channel; an unclipped wave has fewer
+    full_scale: float = 0.999  # fraction of full scale from which a sample counts as at full scale
+    full_scale_run: int = 2  # successive samples at full scale
+    full_scale_count: int = 3  # samples at full scale in the whole recording; a normalised recording has one
+    # A channel may be clipped if at least edge_count samples have the greatest value, and edge_ratio times as many as
+    # have the next smaller value
     edge_count: int = 8
     edge_ratio: int = 4
     full_scale_ratio: int = 2  # the same ratio for a recording that reaches full scale
@@ -158,12 +158,12 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
 class TakeRules:
     """Thresholds by which takes count as copies of each other, or as takes with another channel order."""
 
-    rate: float = 2000.0  # Hz, of the neighbouring samples of one channel, averaged, by which takes are aligned
+    rate: float = 2000.0  # Hz; one channel, averaged over neighbouring samples down to this rate, aligns two takes
     # correlation of this channel from which the takes are compared at every frequency; copies have 0.36 to 1
     similar: float = 0.25
     stretch: int = 2**15  # number of samples that are compared
     level: float = 1e-4  # least power of a frequency that is compared, relative to the strongest
-    # fraction of the power of a frequency that is not common to both: at most 1e-7 in copies, about 0.7 in other takes
+    # fraction of the power of a frequency that the two takes do not share: at most 1e-7 in copies, else about 0.7
     different: float = 1e-4
     # low, high, segment: the coherence of channels is computed in this band, Hz, where most arrays are coherent, from
     # segments of this length, s

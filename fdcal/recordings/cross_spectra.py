@@ -97,9 +97,9 @@ SEGMENTS = SegmentSettings()
 MAX_RANK = 8  # rows of one frequency
 OVER_NOISE = 2.0  # eigenvalue relative to the largest that noise alone has
 OVER_LEAKAGE = 4.0  # eigenvalue relative to that which the window causes for a single source
-LAGS = (2, 4)  # distance, bins, of neighbours that share no window
-# rows per 1 / T_eq: 5, as of an even decay in `fdcal.recordings.frequencies`, and half as many again, since close rows
-# share the field of the room but not the noise
+LAGS = (2, 4)  # distances, bins, of neighbouring frequencies whose windows do not overlap in frequency
+# rows per bandwidth 1 / T_eq: 5 for a room that decays evenly (`fdcal.recordings.frequencies`), times 1.5, because rows
+# at close frequencies have the same field but independent noise
 OVERSAMPLING = 7.6
 LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-square slope of w over that of w, over 4
 

@@ -55,7 +55,7 @@ def export(
     require_choice("table", table, ("positions", "gains"))
     suffix = path.suffix.lower()
     if suffix not in allowed:
-        raise InputError(f'"{path}" is no file of {table}', f"use one of {', '.join(allowed)}", key="output")
+        raise InputError(f'"{path}" is not a file of {table}', f"use one of {', '.join(allowed)}", key="output")
     if table == "positions":
         placed = placed_in_frame(self, frame)
         write_atomically(path, lambda file: formats.write(file, placed), force)

@@ -47,7 +47,8 @@ class DecaySettings:
     max_ringing: float = 4.0  # length of the part after the sound in which modes are sought that ring on, seconds
     max_loss: float = 0.5  # power that the cut may leave out, relative to the noise of a pressure
     false_alarm: float = 0.05  # probability that noise alone is taken for a mode that rings on
-    # min_tail_fraction, min_tail: of the recording, or seconds if that is less, that noise must fill to be estimated
+    # The noise is estimated if it fills the end of the recording for at least min_tail seconds, or for the fraction
+    # min_tail_fraction of the recording if that is shorter
     min_tail_fraction: float = 0.1
     min_tail: float = 0.25
 
@@ -130,7 +131,7 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
         raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
     tenth, quiet = (float(np.mean(level[-count:])) for count in (DECAY.segments // 10 + 1, 2))
-    if quiet >= np.exp(-DECAY.above_floor) * tenth:  # else the sound has ended only just before
+    if quiet >= np.exp(-DECAY.above_floor) * tenth:  # otherwise the sound ended just before the last two segments
         quiet = tenth
     noisy = bool(quiet > DECAY.min_power * level.max())
     floor = np.log(max(quiet, DECAY.min_power * level.max()))
@@ -178,7 +179,7 @@ def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
     return np.concatenate(rows, axis=1), recording.sample_rate / factor
 
 
-RISE = 10.0  # factor of power by which the level may differ in what is noise
+RISE = 10.0  # ratio of powers up to which the level of noise may vary
 GRID = 6  # points of the spectrum per least distance of two frequencies
 MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
 
@@ -226,7 +227,7 @@ def impulse_response_pressures(
 def _spacing(recording: Recording, band: Band, s: float, noise: Noise | None, rate: float) -> Spacing:
     """Return the useful spacing of frequencies, from the energy of a few channels over time in the band.
 
-    A sweep lasts longer than the response of the room, whose decay then counts.
+    A sweep lasts longer than the response of the room; then the decay rate of the room gives the spacing.
     """
     samples, fs = recording.samples, recording.sample_rate
     padded = fast_length(SPECTRUM.padding * samples)
@@ -247,7 +248,7 @@ def _spacing(recording: Recording, band: Band, s: float, noise: Noise | None, ra
     if e.max(initial=0.0) > 0:  # e, v, 1 / T and 1 / T_eq of `fdcal.recordings.frequencies`
         v = np.maximum(silence, ROWS.unexplained * np.sum(e**2) / np.sum(e))
         step, decorrelation = 1 / (interval * np.sum(e / (e + v))), np.sum(e**2) / np.sum(e) ** 2 / interval
-    # An even decay at `rate + s` has this spacing.
+    # the spacing of a response that decays evenly at `rate + s`
     step = max(float(step), 2 * (rate + s) / float(np.log(2 / ROWS.unexplained)), 1 / recording.duration)
     return Spacing(step, max(float(decorrelation), rate + s))
 

@@ -202,7 +202,7 @@ class ImportOptions:
     kind: Literal["auto", Kind] = option(
         "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."
     )
-    windows: str = option("auto", "Band of short windows, Hz, that count beside the rows.", "auto|none|LO:HI")
+    windows: str = option("auto", "Band of the short windows, Hz, used in addition to the rows.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
     )

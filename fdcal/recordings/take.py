@@ -73,19 +73,19 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
     """Return the stream of the first `channels` inputs of a sound card, all unless given.
 
     `rate`: Hz, that of the card unless given; `device`: its name, a part of it, or its number. Call it while nothing is
-    recorded: it looks for the cards, which ends every stream.
+    recorded: it restarts PortAudio, which ends every stream.
     """
     loaded = "sounddevice" in sys.modules
     try:
         sd = needs("sounddevice")
     except InputError as error:
         raise InputError(error.problem, f"{error.remedy}; {REPLAY}", key="device") from error
-    except OSError as error:  # its package for Linux brings no PortAudio
+    except OSError as error:  # on Linux the package sounddevice does not contain PortAudio
         remedy = f"install it: apt-get install libportaudio2, {REPLAY}"
         raise InputError(f"no sound card can be reached ({error})", remedy, key="device") from error
     chosen = int(device) if device is not None and device.isdigit() else device
     try:
-        if loaded:  # PortAudio looks for the cards once: one that was connected since is seen only by another look
+        if loaded:  # PortAudio finds cards only when it starts; a restart finds those connected since
             sd._terminate()
             sd._initialize()
         card = sd.query_devices(chosen, "input")

@@ -251,8 +251,8 @@ def with_estimated_domain(
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one around an estimate of the positions.
 
-    The solver of the run makes the estimate, so that it has the same axes; if that solver needs a search domain, the
-    default solver does. The estimate of a blind array is moved onto the true positions.
+    The solver of the run makes the estimate, so that it has the same axes. If that solver needs a search domain itself,
+    the default solver makes the estimate. The estimate of a blind array is moved onto the true positions.
     """
     if measurement.search is not None:
         return measurement

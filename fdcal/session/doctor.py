@@ -285,7 +285,7 @@ def _list(
         check = compare_positions(result.positions, listed)
     sure = result.verdict == "good"
     if not check.fits:
-        text = "the list fits the array found in no order: it is of another array, or most positions are far off"
+        text = "the list does not fit the array found in any order: it is of another array, or most of it is far off"
         text += "" if sure else f"; {result.verdict_text}"
         return Answer("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     fit = list_fit(inputs, result, check, progress)

@@ -114,19 +114,19 @@ class PlanLimits:
     """Defaults, limits, and how much is computed."""
 
     low: float = 20.0  # lowest frequency by default
-    # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
-    # as the microphones, and the pressures predict nothing
+    # highest frequency by default, over f_max (Eq. 9): at f_max the field has as many functions as there are
+    # microphones, so that the pressures do not predict each other
     high: float = 0.7
-    # frequencies times microphones of which the information is computed; more are accounted for by scaling it
+    # frequencies times microphones for which the information is computed; for more the result is scaled
     work: int = 3000
-    min_frequencies: int = 16  # of them at least
+    min_frequencies: int = 16  # least number of frequencies for which it is computed
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
     # centre of an array whose own coordinates do not lie inside the room, relative to the room's lengths
     centre: tuple[float, float, float] = (0.43, 0.46, 0.45)
     max_microphones: int = 300  # of a plan
-    max_takes: int = 100  # likewise
+    max_takes: int = 100  # of a plan
     max_snr_db: float = 120.0  # dB
-    wide: float = 5.0  # width of an array from which a refusal asks for its unit, metres
+    wide: float = 5.0  # metres; the message for a wider array that is refused asks whether positions are in metres
 
 
 PLAN_LIMITS = PlanLimits()
@@ -211,7 +211,7 @@ class PlanRequest:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The band in use, Hz: of the one that was given, what the array can interpolate."""
+        """The band in use, Hz: the given or default band, cut off at `f_max`."""
         low, high = self.band or (min(PLAN_LIMITS.low, self.f_max / 10), PLAN_LIMITS.high * self.f_max)
         if not 0 < low < high:
             raise InputError(f"{low:g} to {high:g} Hz is not a band", "give <frequencies> as LO:HI", key="frequencies")
@@ -223,7 +223,7 @@ class PlanRequest:
 
     @property
     def _width(self) -> str:
-        """The end of a remedy for an array so wide that its positions may not be in metres; "" for others."""
+        """The advice to give positions in metres, for an array that is very wide; "" for others."""
         width = float(np.ptp(self.layout.positions, axis=0).max())
         wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
         return wide if width > PLAN_LIMITS.wide else ""
@@ -446,7 +446,7 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
 
 
 def plan_lines(plan: Plan) -> list[str]:
-    """Return what a plan says, a line each."""
+    """Return the lines of text that describe a plan."""
     request, forecast, sigma = plan.request, plan.forecast, plan.bound.sigma[plan.bound.free]
     (low, high), count = request.limits, len(request.frequencies)
     field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
@@ -461,7 +461,7 @@ def plan_lines(plan: Plan) -> list[str]:
         moved = f"the array is moved as a whole, its centre to ({centre}) m"
         lines.append(f"the layout does not lie inside the room: {moved}")
     wanted = len(request.band_frequencies)
-    of = f" in each take, as many of {wanted} as an import takes by default," if count < wanted else ""
+    of = f" in each take, the part of {wanted} that an import uses by default," if count < wanted else ""
     top = high if request.band is None else request.band[1]
     left_out = f", so that of {low:g} to {top:g} Hz the higher ones are left out" if top > high else ""
     lines.append(
@@ -472,17 +472,17 @@ def plan_lines(plan: Plan) -> list[str]:
     if forecast.beyond:
         why = f"; {forecast.beyond} included, which the bound leaves out"
     elif request.is_plane_in_room:
-        why = "; the size of a plane array follows from equal waves from all directions, which no room has"
+        why = "; the size of a plane array is only determined in a field that is isotropic, and no room is"
     elif request.kind == "impulse":
-        why = "; arrival times add too little to count"
+        why = "; arrival times hardly reduce it"
     ends = f"{length_text(forecast.low)} to {length_text(forecast.high)}"
     lines.append(f"expected error: {length_text(forecast.rms)} rms, {ends} in 8 of 10 recordings{why}")
     lines.append(
         f"least error (Cramer-Rao bound): {length_text(plan.bound.rms)} rms, {length_text(float(sigma.max()))} at the"
         " worst microphone, in a diffuse field"
     )
-    more = "; 3 dB more is twice as long a recording in the same noise" if len(plan.snr_db) > 1 else ""
-    head = f"expected error by places of the source, each recorded equally long, and signal-to-noise ratio{more}:"
+    more = "; 3 dB more takes twice the recording time in the same noise" if len(plan.snr_db) > 1 else ""
+    head = f"expected error by number of source positions, each recorded for the same time, and by SNR{more}:"
     table = [["", *(f"{snr_db:g} dB" for snr_db in plan.snr_db)]]
     for number, expected in zip(plan.takes, plan.expected, strict=True):
         table.append([f"{number} place{'s' if number > 1 else ''}", *map(length_text, expected.tolist())])
@@ -492,7 +492,7 @@ def plan_lines(plan: Plan) -> list[str]:
 
 
 def _advice(plan: Plan) -> str:
-    """Return which entry of the table reaches the accuracy that is wanted, in words."""
+    """Return in words which numbers of source positions and which SNR reach the wanted accuracy."""
     request, wanted = plan.request, f"{length_text(plan.request.accuracy)} rms"
     reached = plan.expected <= request.accuracy
     own = plan.takes.index(request.takes)

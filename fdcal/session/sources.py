@@ -81,7 +81,7 @@ def load_input(
         measurement = _without(importer.import_recording(texts, options or ImportOptions(), progress)[0], excluded)
     elif any(recorded):
         other = texts[recorded.index(False)]
-        raise InputError(f"{other} holds no recordings, other files do", "give files of one kind", key="source")
+        raise InputError(f"{other} holds no recordings, but other files do", "give files of one kind", key="source")
     elif len(texts) > 1:
         scene = next((one for one in texts if not one.lower().endswith(".npz")), None)
         if scene is not None:

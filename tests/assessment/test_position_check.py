@@ -93,7 +93,7 @@ def test_the_list_of_another_array_fits_in_no_order(array):
     assert (check.swapped, check.permuted) == ((), ()) and np.array_equal(check.order, np.arange(len(check.order)))
     for verdict in ("good", "model_mismatch"):
         text = described(check, range(len(check.errors)), verdict)
-        assert text.startswith("the list fits the array found in no order") and "at the place of" not in text
+        assert text.startswith("the list does not fit the array found in any order") and "at the place of" not in text
         assert "no channels are swapped" not in text and "another array" in text
 
 
@@ -118,7 +118,7 @@ def test_swaps_are_seen_among_microphones_that_stand_elsewhere_and_three_in_each
     found[[4, 9, 15]] = places[[9, 15, 4]]
     check = compare_positions(found, places)
     assert check.permuted == ((4, 9, 15),)
-    assert "channels 4, 9, 15 stand in each other's places" in described(check, range(20))
+    assert "channels 4, 9, 15 are exchanged in a cycle" in described(check, range(20))
     places = ball(3, 16, 3)
     found = places.copy()
     found[[2, 7]] = found[[7, 2]]
@@ -133,7 +133,7 @@ def test_a_turned_list_of_a_regular_circle_cannot_be_told_from_the_right_one():
     circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
     check = compare_positions(moved(np.roll(circle, 1, axis=0), 0, error=0.001), circle)
     assert check.fits and check.symmetric and check.agrees
-    assert "turned or mirrored" in described(check, range(16))
+    assert "rotated or mirrored" in described(check, range(16))
     fixed = compare_positions(np.roll(circle, 1, axis=0), circle, known=[0, 4, 8])
     assert not fixed.agrees or fixed.moved
 
@@ -167,7 +167,7 @@ def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_pl
     off = np.random.default_rng(0).normal(size=places.shape)
     far = compare_positions(places + 0.1 * off / np.linalg.norm(off, axis=1, keepdims=True) * np.eye(16)[:1].T, places)
     for code in CODES:
-        assert described(near, range(16), code).startswith("no swap is seen: the largest distance, "), code
+        assert described(near, range(16), code).startswith("no swap is detected: the largest distance, "), code
         assert described(far, range(16), code).startswith("swaps cannot be detected"), code
         assert "--known none" in described(far, range(16), code, arguments={"known": "--known"})
         assert "known none" not in described(far, range(16), code, known=False)

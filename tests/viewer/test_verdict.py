@@ -98,7 +98,7 @@ def test_no_layout_says_of_a_run_what_the_verdict_on_it_contradicts(verdict, wor
     word = "Stopped before it converged" if verdict == "model_mismatch" else "Ended"
     assert Explore._status(viewer) == f"{word}, 0 mm off on average"
     expert = status(view, measurement, found=found)
-    assert f">{word}</div>" in expert and ("The step left is small" in expert) == (verdict == "good")
+    assert f">{word}</div>" in expert and ("The remaining step is small" in expert) == (verdict == "good")
 
 
 INVERTED = 9

@@ -165,7 +165,7 @@ SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that ca
 def require_whole_rate(rate: float) -> None:
     """Raise InputError for a sampling rate, Hz, that a sound file cannot have."""
     if rate != round(rate):
-        raise InputError(f"a sound file has no sampling rate of {rate} Hz", "resample the recording")
+        raise InputError(f"a sound file cannot have a sampling rate of {rate} Hz", "resample the recording")
 
 
 def open_for_writing(path: Path, rate: float, channels: int, subtype: str = "FLOAT"):

@@ -82,11 +82,11 @@ def centred(state: State) -> State:
 # least sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow by
 # 10 to 15 %
 MIN_SPREAD = 1e-4
-# metres, of delays, and rad/m, of corners: expected sigma, which counts as one channel, and largest sigma
+# expected and largest sigma of delays, metres, and of corners, rad/m; the expected sigma has the weight of one channel
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
-# metres, expected error of a given coordinate, and the number of positions as which it counts; without them an array
-# with a wrong position and an error of 27 mm gets the verdict "good", and ellipses cover 92.1 instead of 93.8 %
+# expected error of a given coordinate, metres, and its weight, in positions; without them an array with a wrong
+# position and an error of 27 mm gets the verdict "good", and ellipses cover 92.1 instead of 93.8 %
 EXPECTED_GIVEN = 2e-3
 KNOWN_COUNT = 2
 
