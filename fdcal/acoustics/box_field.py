@@ -52,7 +52,7 @@ MAX_TERMS = 40_000
 BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
 POINTS = 6  # points of the spectrum in the width of a line
-STEPS = 4.0  # continuation steps from a rigid to an absorbing wall, times |h| l; each takes a few Newton iterations
+STEPS = 4.0  # number of steps from a rigid to an absorbing wall, over |h| l; each takes a few Newton iterations
 MAX_STEPS = 100
 NEWTON_STEPS = 12  # iterations for the eigenvalues between absorbing walls, at most
 

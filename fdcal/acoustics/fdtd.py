@@ -211,7 +211,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
 
 
 def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the last two fields (ny, nx), any unit, the newer last, after `steps` steps without a source."""
+    """Take `steps` steps without a source; return the last two fields (ny, nx), any unit, the newer one last."""
     state = np.stack([padded(field * grid.mask, padded_width(grid)) for field in (p, p_old)])
     _run(grid, state, steps, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))), None)
     fields = state[:, 1:-1, 1 : grid.mask.shape[1] + 1]

@@ -82,7 +82,7 @@ def assess(
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     seen = judged(estimate, names, scale, unused)
     code, message = first_finding(seen)
-    if code in ("undersampled", "not_converged"):  # otherwise given positions cannot be judged
+    if code in ("undersampled", "not_converged"):  # with these verdicts given positions cannot be judged
         seen = judged(
             estimate, names, scale, unused, {n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST}
         )
@@ -134,7 +134,8 @@ def judged(
     kinds = ("dead", "noisy", "misplaced", "exchanged")
     sigma = root_mean_square(one_sigma(covariance)[healthy])
     placed = estimate.positions[healthy] if np.any(healthy) else estimate.positions
-    step_sigma = np.where(estimate.spread.sigma > 0, estimate.spread.sigma, 1.0)  # exact positions have neither
+    # An exact position has neither a step nor a sigma.
+    step_sigma = np.where(estimate.spread.sigma > 0, estimate.spread.sigma, 1.0)
     sought = np.setdiff1d(np.flatnonzero(healthy), problem.known)
     return Judged(
         estimate=estimate,

@@ -62,8 +62,8 @@ class Judged:
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
-    # probability that given positions and pressures disagree as much by chance; if the solver did not get the given
-    # positions, the probability that these and the array found do; 1 where it cannot be computed
+    # probability that given positions and pressures disagree by chance as much as they do or, if the solver did not get
+    # the given positions, that these and the array found do; 1 if it cannot be computed
     agreement: float
     # metres, largest sigma of a known microphone without its own given position; 0 if none is known, infinite if too
     # few given positions are right to place the array

@@ -123,7 +123,7 @@ MAX_WORK = 64_000  # number of points that the motions of each base move, at mos
 
 
 def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the numbers of the groups of D points that have the distances of `base` : (K, D) int64, closest first."""
+    """Return the indices (K, D) int64 of groups of D points with the distances of `base`, the closest group first."""
     distance = distances(others, others)
     groups, misfit = np.arange(len(others))[:, None], np.zeros(len(others))
     for n in range(1, len(base)):

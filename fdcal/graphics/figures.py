@@ -113,7 +113,7 @@ def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, 
 
 
 SIDES = 60  # of the polygon that is drawn for an ellipse
-MARK_SCALE = 2 / 3  # of marks, of those on a map: there are many
+MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map, because there are many
 
 
 def draw_calibration(self: Calibration, truth=None) -> Figure:

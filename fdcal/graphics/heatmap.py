@@ -35,11 +35,11 @@ def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
     return np.stack([x, y, floor.height + np.pad(np.asarray(heights, float), 1, mode="edge")], axis=-1)
 
 
-SIDES = (0.28, 0.4)  # of the way from the background to the texts: shades of the sides across x and across y
+SIDES = (0.28, 0.4)  # shades of the sides perpendicular to x and to y: 0 is the background, 1 the colour of the texts
 
 
 def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
-    """Return the sides of a map in relief, down to its level, which make it a block: two shades, by the same light."""
+    """Return the sides of a map in relief, down to its level, in two shades, so that it looks like a block."""
     assert floor.heights is not None
     rim, meshes = relief_grid(floor, floor.heights), []
     for name, fraction, edges in (("x", SIDES[0], (rim[:, 0], rim[:, -1])), ("y", SIDES[1], (rim[0], rim[-1]))):
@@ -103,7 +103,7 @@ def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, heigh
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
 
-SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between which colours differ; and heights
+SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between which colours vary, and heights vary
 
 
 def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from ..model.validation import mm_text
 from .glyphs import round_ticks, tick_texts
 from .marks import ESTIMATE, css
 
-MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
+MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
 WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # of a chart, its own units; left, top, right, bottom
 POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, its own units
 FEW = 4  # channels of a list

@@ -26,8 +26,8 @@ Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room over its longer side
-MIN_SOURCE = 0.012  # a quarter of the least size of a source's mark, over the room's longer side, to be visible
-FAINTER = 0.32  # share of the background in the colour of less important lines
+MIN_SOURCE = 0.012  # least radius of the mark of a source that is visible, over the longer side of the room
+FAINTER = 0.32  # fraction of the background in the colour of less important lines
 EMPTY_MARGIN = 0.1  # m around the microphones if there is no search domain
 
 
@@ -66,13 +66,13 @@ def wall_height(scene: Scene) -> float:
     return PLANE_WALLS * float(np.ptp(scene.room.vertices, axis=0).max())
 
 
-HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which lie on each other from the top
+HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which coincide in the view from the top
 
 
 def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> list[Part]:
     """Return the outline of the search domain with its rulers; in space also the edges above its base.
 
-    From the top, the numbers of the z ruler would lie on each other; renderers show the label "frame/range" instead.
+    In the view from the top the numbers of the z ruler would coincide; there renderers show the label "frame/range".
     """
     (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
     level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]

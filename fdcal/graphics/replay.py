@@ -63,7 +63,7 @@ def packed(arrays: Mapping[str, np.ndarray]) -> dict:
 
 
 MAX_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
-LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB below it
+LEVELS = 32767  # integer for the largest real or imaginary part of a mode; rounding errors are 96 dB below it
 
 
 def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:

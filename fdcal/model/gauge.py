@@ -19,7 +19,7 @@ from .validation import InputError, Integers, Reals, frozen_array, require_choic
 
 FRAMES = ("known", "minimal", "axes")
 COLLINEAR = 1e-6  # distance from a line or plane, over the extent of the array, up to which microphones lie in it
-INDEPENDENT = 0.1  # least component of a coordinate axis outside the axes found so far that makes it another axis
+INDEPENDENT = 0.1  # least component, perpendicular to the axes found so far, of a coordinate axis that completes them
 FLAT = 1e-3  # smallest extent of an array over its largest one, below which it lies on a line or in a plane
 
 

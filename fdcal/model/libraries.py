@@ -20,7 +20,7 @@ from typing import Any
 
 from .validation import InputError, shown
 
-LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  # of a package
+LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  # distributions of packages
 REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 
 

@@ -738,7 +738,7 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     raise InputError(problem, remedy, key="positions")
 
 
-VERSION = 1  # of the file; one that another program writes need not have it
+VERSION = 1  # of the file; files of other programs may omit it
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
 OPTIONAL = tuple(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "windows", "origin"))

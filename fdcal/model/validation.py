@@ -173,7 +173,7 @@ def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
 
 
 def evenly_spaced(count: int, max_count: int) -> np.ndarray:
-    """Return at most `max_count` indices below `count`, evenly spaced, the first and the last among them."""
+    """Return at most `max_count` indices below `count`, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(np.int64))
 
 

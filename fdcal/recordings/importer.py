@@ -31,7 +31,7 @@ from .short_windows import found_flat, short_windows
 SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
 SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
-ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
+ARRIVAL_BAND = 0.4  # highest frequency from which arrivals are determined, over the sampling rate
 DEFAULTS = ImportOptions()  # of an import
 LOWEST = 3  # number of frequencies with the lowest signal-to-noise ratio that are listed
 MANY = 32  # microphones from which on errors in a room are about as large as their uncertainty

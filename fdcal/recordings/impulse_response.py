@@ -7,7 +7,7 @@ itself lacks.
 
     d    rate at which the sound decays, nepers per second
     s    rate of the exponential window; (d + s) T = 12 nepers
-    c    s, where the sound may be over; an equally long part after it is compared with the end of the recording
+    c    time after which the sound may be over, s; a part that begins at c is compared with the end of the recording
 
 The decay is measured from the level of the sound in successive segments. Only the band in use counts, since noise at
 other frequencies lasts to the end of a recording and says nothing about the room. The mean level of the band shows when
@@ -328,13 +328,12 @@ def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Noise:
 class DeconvolutionSettings:
     """Settings of the division of a recording by the signal of its source."""
 
-    # lead, length: of a response: before the sound, and in all, seconds
+    # seconds of a response before the sound, and its whole length, seconds
     lead: float = 0.25
     length: float = 2.25
-    max_samples: int = 16_000_000  # of one channel; what is longer is cut: 5 min at 48 kHz
+    max_samples: int = 16_000_000  # of one channel, 5 min at 48 kHz; longer ones are cut
     regularisation: float = 1e-3  # relative to the greatest power of the reference
-    # widening, max_widening: factor by which the band is widened, but by no more than so many Hz at its upper end,
-    # where a sweep may end
+    # factor by which the band is widened, and largest widening at its upper end, Hz, because a sweep may end there
     widening: float = 1.5
     max_widening: float = 50.0
     min_outside: float = 0.25  # fraction of the recording that must lie outside of the response to estimate the noise

@@ -114,7 +114,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
                     samples, lost = arrived.get(timeout=PATIENCE)
                     yield samples / FULL_SCALE, lost
         except queue.Empty:
-            raise StorageError(f'the sound card "{card["name"]}" delivers no sound any more') from None
+            raise StorageError(f'the sound card "{card["name"]}" has stopped delivering sound') from None
         except sd.PortAudioError as error:
             raise StorageError(f'the sound card "{card["name"]}" fails: {error}') from error
 

@@ -100,7 +100,7 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
 
 
-LONGER = 10.0  # factor on a time limit that was too short
+LONGER = 10.0  # the message on a time limit that was too short proposes this multiple of it
 
 
 def problem_of(inputs: CalibrationInput) -> Problem:
@@ -192,7 +192,7 @@ def solve(
 def last_state(
     inputs: CalibrationInput, progress: ProgressReport | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str]:
-    """Return the last state of a run, why it was stopped ("" if the solver finished).
+    """Return the last state of a run, and why it was stopped ("" if the solver finished).
 
     InputError if the time is used up before there are positions.
     """

@@ -42,8 +42,8 @@ from .sources import CalibrationInput, ProgressReport, compared_with_file, is_re
 class DoctorRules:
     """Limits beyond which a finding is a fault; the figures are from `python -m benchmarks doctor`."""
 
-    # The field is judged by this fraction of the frequencies, the lowest. The measured array has -25 dB with a third or
-    # a fifth of them, and -11 dB with all.
+    # The field is judged at this fraction of the frequencies, the lowest. The error of the measured array is -25 dB at
+    # the lowest third or fifth, and -11 dB at all.
     lowest: float = 1 / 3
     # Leave-one-out error above which there is no sound field between the microphones. Recordings without a fault have
     # -18 dB or less, simulations by rays -2.5 and -3.4 dB.
@@ -55,7 +55,7 @@ class DoctorRules:
     fewest: int = 6
     arrivals: float = 3e-3  # metres, median misfit up to which arrival times fit; those that fit have 0.05 to 0.9 mm
     # Least number of frequencies at which the channels are coherent with a stationary source: 122 or more at 0 dB and
-    # 26 at -5 dB; 7 to 17 if each channel is another recording.
+    # 26 at -5 dB; 7 to 17 if each channel is from a different recording.
     rows: int = 20
     # Difference of the size of a list from 1, in sigmas, above which the size is wrong; right lists have 2.8 at most.
     size_sigmas: float = 4.0

@@ -14,7 +14,7 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 
 @contextlib.contextmanager
 def handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
-    """Let `handler` receive signals of ENDING in the block: those without a handler or, if `every`, all not ignored.
+    """Let `handler` receive the signals of ENDING in the block that have no handler or, if `every`, also the others.
 
     A signal that was ignored before, as under nohup, stays ignored.
     """

@@ -188,7 +188,7 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
     of the stack and the index in it.
     """
     stacks: dict[tuple, list[np.ndarray]] = {}
-    references: dict[int, tuple[np.ndarray, list[int]]] = {}  # with the array, so that its identity stays its own
+    references: dict[int, tuple[np.ndarray, list[int]]] = {}  # the array is kept so that no other one gets its id
 
     def encoded(value: Any) -> Any:
         if isinstance(value, np.generic):

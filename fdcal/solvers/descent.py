@@ -6,10 +6,10 @@
     stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
 
 The run begins with its lowest modes, or from the highest down (`SolverSettings.mode_order`), and with microphones at
-random candidates, which are the points of the search
-lattice. The centre of the expansion is the centre of mass rounded to the lattice, so that one table of radial functions
-serves every step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
-coarse to fine (`fdcal.cost.lattice`), and only some of them are tried.
+random candidates, which are the points of the search lattice. The centre of the expansion is the centre of mass rounded
+to the lattice, so that one table of radial functions serves every step
+(`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from coarse to fine
+(`fdcal.cost.lattice`), and only some of them are tried.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ class PositionSpread:
     # it that is due to errors of the data rather than of the priors
     newton: Reals
     data: Reals
-    # covariance that follows from the disagreement of blocks of frequencies and takes, over `data`, pooled over the
+    # ratio of the covariance that the disagreement of blocks of frequencies and takes shows to `data`, pooled over the
     # microphones; 1 on average where the model of the field holds
     dispersion: float
     # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
@@ -108,12 +108,12 @@ class GivenEstimate:
     expected_sigma: float  # metres, the stated sigma or, without one, the usual sigma
     stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each
     carry_scale: bool  # whether only these positions fix the scale, since the pressures hardly show the array's size
-    # maps a choice of given positions (A,) bool to the probability of a disagreement with the pressures as large by
-    # chance
+    # maps a selection (A,) bool of the given positions to the probability that they disagree with the pressures as much
+    # as this by chance
     probability: Callable[[np.ndarray], float]
     # nats by which the array is likelier than its mirror image because of these positions; infinite where none is given
     mirror_advantage: float = np.inf
-    contradicted: GivenHypothesis | None = None  # None where they agree with the pressures, or nothing can be said
+    contradicted: GivenHypothesis | None = None  # None where they agree with the pressures or cannot be tested
 
 
 @dataclass(frozen=True)

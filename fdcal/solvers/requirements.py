@@ -98,7 +98,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")
     (measured, N), D, takes = problem.pressures.shape, problem.array_dimension, len(np.unique(problem.takes))
-    # Without a given position the rigid motions are no unknowns.
+    # Without a given position, rigid motions do not count as unknowns.
     unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
     # A standing wave is real up to its phase, so that a row has one real equation for each microphone beyond the number
     # of functions of a field of the lowest order. Where there are no such microphones, only the direct sound of a take

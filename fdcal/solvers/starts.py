@@ -43,8 +43,8 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes in affine starts, by dimension of the field
-# Random starts, used where the others disagree, and the numbers of lowest modes with which they begin. With many
-# microphones each start takes longer, so that there are fewer.
+# Number of random starts, which are used if the others disagree, and numbers of modes to which they are fitted first.
+# There are fewer starts if there are many microphones, because each then takes longer.
 RANDOM_STARTS = 32
 RANDOM_SIZE = 24  # number of microphones above which there are fewer random starts
 RANDOM_LOWEST = (3, 5, 8)
@@ -231,7 +231,7 @@ REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
 FAR_WEIGHT = 0.1
 SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array get less weight
 ITERATIONS = 30  # of majorisation in a round
-MAX_RADIUS = 2.5  # distance from the middle, in medians over the microphones, beyond which one is put in the middle
+MAX_RADIUS = 2.5  # distance from the middle, over its median, beyond which a microphone is moved to the middle
 
 
 def coherence_start(

@@ -240,7 +240,7 @@ class Explore:
 
     def __init__(self, page: PageParts, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
-        self._names = scene_names()  # the bar is written with every turn of the main loop
+        self._names = scene_names()  # read once, because the bar is written in every turn of the main loop
         self._own: tuple[sources.OpenRequest, str] | None = None  # the last file shown, and its drawing
         overlay.acts["scene"] = self._open
         overlay.acts["opened"] = lambda client, _: self._open(client, "")

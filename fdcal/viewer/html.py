@@ -192,7 +192,7 @@ log = logging.getLogger(__name__)
 
 
 def of_browsers(act: Callable[[Any], object]) -> Callable[[Any], Coroutine[Any, Any, None]]:
-    """Return a callback for viser that calls `act(event)` for what a browser has done, but not for this program."""
+    """Return a callback for viser that calls `act(event)` for events of browsers, but not of this program."""
 
     async def respond(event) -> None:
         if event.client is not None:

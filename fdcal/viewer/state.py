@@ -138,7 +138,7 @@ class PageState:
     revision: int = 0  # counts the states that were shown
     microphone: int = 0  # whose map is shown, counted from 0
     drawn: CostMap | None = None  # the map on the floor or in space
-    reason: str = ""  # why there is no map; "" if it is only not ready
+    reason: str = ""  # why there is no map; "" if it is not ready yet
     picture: Any = None  # Picture, on the screen
     fault: str = ""  # an exception of the page, as text
     found: Assessment | None = None  # of the state, once the solver has finished

@@ -95,7 +95,7 @@ def test_a_take_that_is_stopped_or_whose_card_fails_keeps_what_was_recorded(card
     stopped = take.record_take(take.sound_card(), tmp_path / "a.wav", 30, lambda seconds, _: seconds < 0.65)
     failed = take.record_take(take.sound_card(), tmp_path / "b.wav", 30)
     assert stopped.stopped and not stopped.fault and "stopped early, and kept" in stopped.text
-    assert not failed.stopped and "delivers no sound any more" in failed.text
+    assert not failed.stopped and "has stopped delivering sound" in failed.text
     assert soundfile.info(tmp_path / "a.wav").frames == 0.7 * RATE
     assert soundfile.info(tmp_path / "b.wav").frames == RATE
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.wav", "b.wav"]
@@ -111,7 +111,7 @@ def test_a_card_that_is_connected_later_is_found(card):
 
 def test_nothing_is_written_where_nothing_was_recorded(card, tmp_path):
     card(np.zeros((2, 0)))
-    with pytest.raises(InputError, match=r"nothing was recorded: the sound card .* delivers no sound"):
+    with pytest.raises(InputError, match=r"nothing was recorded: the sound card .* has stopped delivering sound"):
         take.record_take(take.sound_card(), tmp_path / "take.wav", 30)
     assert not list(tmp_path.iterdir())
 

@@ -36,8 +36,8 @@ from .channels import relocated
 from .state import FREE_STEPS, GIVEN_SIGMA, NEGLIGIBLE_DECREASE, STAGE_DAMPING, SUSPICIOUS, LocalOptimum, State
 
 EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate that is assumed when exact given positions are tested
-# sigma of the given positions over the expected one from which all of them count as inaccurate; without it the error of
-# 1 of 32 arrays with wrong given positions grows from 9 to 19 mm
+# All given positions count as inaccurate if their sigma exceeds the expected one by this factor; without it the error
+# of 1 of 32 arrays with wrong given positions grows from 9 to 19 mm
 INACCURATE = 2.0
 
 

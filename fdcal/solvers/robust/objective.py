@@ -199,8 +199,8 @@ class Objective:
             return self
         return replace(self, field=replace(self.field, power=FIELD_POWER_FACTOR * self.field.power))
 
-    def beside(self, source: TakeSources | None) -> Objective:
-        """Return the same objective, with arrivals whose fit begins at a `source` found at unknowns near by."""
+    def with_start(self, source: TakeSources | None) -> Objective:
+        """Return the objective whose fit of the sources begins at `source`, as found at similar unknowns."""
         if self.arrivals is None or source is None:
             return self
         return replace(self, arrivals=replace(self.arrivals, start=source))
@@ -463,7 +463,7 @@ def channel_step(
     if not len(free):
         return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
     g, H = reduced(unknowns, here, free, objective.priors)
-    before, near = unknowns.vector, objective.beside(here.source)
+    before, near = unknowns.vector, objective.with_start(here.source)
     step = damped_step(
         before,
         NewtonTerms(here.cost, g, H),

@@ -21,13 +21,13 @@ from .stages import begin_restart, begin_stage, in_frame, moved_once
 from .state import FREE, GAINS, SEARCH, FittedStart, State
 
 MAX_RESTARTS = 4  # different arrays that are refined at most
-# Starts that end at the likeliest array, after which no other is tried: with 3, two of 18 field cases are not found.
-# Two are enough where no start has ended elsewhere: in 231 such field cases no other array was likelier.
+# The search ends when so many starts have ended at the likeliest array: with 3, two of 18 field cases are not found.
+# Two are enough if no start has ended elsewhere: in 231 such field cases no other array was likelier.
 AGREEING = 4
 WORSE = 100.0  # nats; an array that is less likely by more is not refined
-# Two arrays are different if some healthy microphone stands further apart in them, in units of the shortest wavelength
-# or of the RMS diameter of the array, whichever is smaller. With the wavelength alone the error of one of 12 arrays of
-# 10 cm is 8.6 instead of 3.9 mm.
+# Two arrays are different if a healthy microphone is further apart in them than this, in units of the shortest
+# wavelength or of the RMS diameter of the array, whichever is smaller. With the wavelength alone the error of one of 12
+# arrays of 10 cm is 8.6 instead of 3.9 mm.
 DIFFERENT = 0.02
 
 

@@ -14,8 +14,8 @@ from ...model.problem import ChannelCorrection
 from ...model.validation import Bools, InputError, Reals
 from ..interface import RunState
 
-# of the search for the array without given positions: number of steps at most, and decrease of the cost, nats, at which
-# it ends; both only save time
+# search for the array without given positions: largest number of steps, and decrease of the cost, nats, below which it
+# ends; both only save time
 FREE_STEPS = 8
 NEGLIGIBLE_DECREASE = 0.05
 

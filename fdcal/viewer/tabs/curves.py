@@ -3,9 +3,9 @@
 A plot is kept while its data and axes change. If a plot were removed and added again, it would have no width for a
 moment and move the controls below it, and data for the old plot could still arrive.
 
-Other axes make the page build a new chart. viser's page keeps the visible part of the abscissa when the extent of the
-data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in a
-corner or cut off. The axes are therefore sent some time after the data.
+If the axes change, the page builds a new chart. viser's page keeps the visible part of the abscissa when the extent of
+the data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in
+a corner or cut off. The axes are therefore sent some time after the data.
 
 uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. NaN is never sent, since with
 it uPlot would search for axis ticks without end.
@@ -25,7 +25,7 @@ from ..state import Binding, PageState, Tab
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
-APART = 0.3  # s between data of another extent and other axes
+APART = 0.3  # s from sending data of another extent to sending the new axes
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
 
 # Of the ordinate: powers of ten between the ends of a logarithmic axis, the ends of a linear one, or uPlot's own.

@@ -222,11 +222,11 @@ class SweepTab(Tab):
             self.play = binding.on(play, lambda _: self.toggle(), command="sweep")
             self.summed = binding.slider(
                 f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, command="modes",
-                hint=f"How many {row}s the map is the sum of",
+                hint=f"Number of {row}s whose sum the map shows",
             )  # fmt: skip
             self.single = binding.checkbox(
                 f"This {row} only", False, lambda single: self.sum_modes(self._count(), single), command="alone",
-                hint=f"The {row} that was added last, in place of the sum",
+                hint=f"Show only the {row} that was added last, not the sum",
             )  # fmt: skip
             with binding.gui.add_folder("Order and speed", expand_by_default=False):
                 self.order = binding.choice(
