@@ -61,7 +61,7 @@ function along(share) {
 }
 
 const mixed = new Float32Array(n * n);
-let ends = [0, 1];  // of the levels, between which colours differ, as in fdcal.graphics.heatmap
+let ends = [0, 1];  // levels between which colours vary, as in fdcal.graphics.heatmap
 function mix({index, share, from = Math.max(index - 1, 0)}) {
   const one = levels.subarray(index * n * n, (index + 1) * n * n), before = levels.subarray(from * n * n);
   for (let i = 0; i < n * n; i++) mixed[i] = (share * one[i] + (1 - share) * before[i]) / 255;
@@ -71,7 +71,7 @@ function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
   return (1 - v + j) * ((1 - u + i) * mixed[at] + (u - i) * mixed[at + 1]) + (v - j) * ((1 - u + i) * mixed[at + n] + (u - i) * mixed[at + n + 1]);
 }
-// A mark of a radius rests on the highest point below it; so a ball rests on the rim of a valley too narrow for it.
+// A mark rests on the highest point within its radius, so that a ball rests on the rim of a valley that is too narrow.
 function on([x, y], radius) {
   const around = [-radius, 0, radius];
   return [x, y, height * Math.max(...around.flatMap(a => around.map(b => level(x + a, y + b))))];
@@ -223,7 +223,7 @@ function drawMarks(camera, now) {
     drawn.textBaseline = {center: "middle"}[vertical] ?? vertical;
     halo(text, x, y);
   }
-  if (over) return;  // the session draws it where it is there
+  if (over) return;  // now the session draws the ball
   const ball = marks.ball.reach * r, ground = on(along(now.rolled), marks.ball.reach * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
   drawn.fillStyle = "rgba(0, 0, 0, 0.35)";
   drawn.beginPath();
@@ -243,11 +243,11 @@ function drawMarks(camera, now) {
 
 // --- the film
 
-const LONGEST = 100;  // ms, of the film between two pictures
+const LONGEST = 100;  // ms by which the film advances between two pictures, at most
 let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, left = 0, lastMoment = null;
-// The session opens with the first map, at another place of the window.
+// The session opens with the first map, at another position in the window; the film moves there in this time.
 const AFTER = 0.7;  // s
-const LONGEST_WAIT = 3000;  // ms, for the map of a session that is there: it may have none
+const LONGEST_WAIT = 3000;  // ms to wait for the map of a session that is shown, which may have none
 function after(time) {
   const share = Math.min(time / AFTER, 1), ease = share * share * (3 - 2 * share);
   return {index: 0, from: left, share: ease, rolled: 0, left: ease};
@@ -258,7 +258,7 @@ function draw(time) {
   if (!over) {
     words.textContent = now.words;
     detail.textContent = data.about;
-    detail.style.visibility = now.over ? "hidden" : "";  // its room stays, and the button where it is
+    detail.style.visibility = now.over ? "hidden" : "";  // hidden text keeps its space, so that the button does not move
     button.textContent = now.over ? "Now you" : "Skip";
     button.className = now.over ? "first" : "";
   }
@@ -288,18 +288,18 @@ function end() {
   root.classList.add("over");
   document.documentElement.removeAttribute("data-film");
   for (const [kind, act] of listeners) removeEventListener(kind, act, true);
-  // A frame of this name stays where its map has gone, so that a mesh counts.
+  // A node of this name may remain after its map was removed, so only a mesh counts.
   const drawn = () => ["/relief", "/floor"].some(name => {
     let found = false;
     window.__viserMutable?.nodeRefFromName?.[name]?.traverse(part => { found ||= Boolean(part.isMesh); });
     return found;
   });
-  let since = 0;  // ms, when the session was there
+  let since = 0;  // ms, time at which the session was first shown
   const look = () => {
     if (document.documentElement.hasAttribute("data-shown")) since ||= performance.now();
     if (!drawn() && !(since && performance.now() - since > LONGEST_WAIT)) { setTimeout(look, 50); return; }
     root.classList.add("gone");
-    document.documentElement.setAttribute("data-invited", "");  // to drag: the scene stands there now (page.js)
+    document.documentElement.setAttribute("data-invited", "");  // invites the user to drag, now that the scene is shown (page.js)
     setTimeout(() => { gl.getExtension("WEBGL_lose_context")?.loseContext(); root.remove(); }, 500);
   };
   setTimeout(look, 1e3 * AFTER);

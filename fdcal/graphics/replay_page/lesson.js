@@ -1,5 +1,5 @@
-// A lesson: the text, question and reveal of each step beside the scene, and what its parts set of the page. A part leaves
-// out what the parts before it have set; `range`: the states that it shows, which play if there are several.
+// A lesson: the text, question and reveal of each step beside the scene, and the settings of its parts. A part holds only
+// settings that differ from those before it; `range`: the states that it shows, which play if there are several.
 const lesson = data.lesson, SECONDS = 6;  // of a run that plays
 let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
 let veiled = false;  // whether the explanation waits for the end of the run

@@ -73,7 +73,7 @@ function finished(job, found, lattice) {
   pen.putImageData(pixels, 0, 0);
   const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
   const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
-  const most = sorted[sorted.length - 1], least = Math.max(sorted[0], most * 10 ** -maps.decades);  // heights span all costs
+  const most = sorted[sorted.length - 1], least = Math.max(sorted[0], most * 10 ** -maps.decades);  // heights cover all costs
   const [low_db, high_db, bottom, peak] = [floor, high, least, Math.max(most, least * 10 ** (maps.least / 10))].map(v => 10 * Math.log10(v));
   return {...job, lattice, cost, image, minima, low: low_db, high: high_db, bottom, peak};
 }

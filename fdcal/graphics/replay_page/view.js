@@ -199,7 +199,7 @@ function curve(id, series, log) {
   const [pen, w, h] = fit($(id)), left = 52, right = 8, top = 6, bottom = 20, ink = css("--ink"), faint = css("--faint");
   const usable = v => Number.isFinite(v) && (!log || v >= 0), [begin, finish] = range;
   const shown = series.flatMap(([values]) => [...values.slice(begin, finish + 1)].filter(usable)), lifted = shown.filter(v => !log || v > 0);
-  const foot = bottom + (lifted.length < shown.length ? 16 : 0);  // a logarithm has no place for 0: it has one below the scale
+  const foot = bottom + (lifted.length < shown.length ? 16 : 0);  // 0 is drawn below a logarithmic scale
   let low = Math.min(...lifted), high = Math.max(...lifted);
   if (!(low <= high)) { low = log ? 0.1 : 0; high = 1; }
   const lift = log ? Math.log10 : v => v;

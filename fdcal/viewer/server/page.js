@@ -2,31 +2,31 @@
 //
 //   labels      the texts of the scene, outlined, without those that would cover others (scene3d.py)
 //   overlay     regions on the canvas, whose HTML the server sends in hidden controls (html.py)
-//   commands    what is pressed or set there, sent as text: "play", "modes=12"
-//   address     the view after #, read when the page opens or the address changes, written once nothing changes; a page
-//               that comes back with the address that it has written itself, to the server that it wrote it for, changes
-//               nothing there: other browsers may have continued meanwhile
-//   theme       the browser's preference, when the page opens and when it changes
-//   connection  viser tries to reconnect every second; Chromium delays each attempt by up to 5 s after some have failed,
-//               so that every attempt is ended by the next one. Here the page waits until the server answers, and reloads.
-//   keys        arrows on a slider move the slider alone, not the camera; Escape closes words
+//   commands    what a user presses or sets there, sent as text: "play", "modes=12"
+//   address     the view after #, read when the page opens or the address changes, written once nothing changes. A page
+//               that is reloaded with the address that it wrote itself, from the same start of the server, does not open
+//               it, because other browsers may have continued meanwhile
+//   theme       the browser's preference, sent when the page opens and when it changes
+//   connection  viser tries to reconnect every second. After some failures Chromium delays each attempt by up to 5 s, and
+//               the next attempt cancels it. Here the page waits until the server answers, and reloads.
+//   keys        arrow keys on a slider move the slider only, not the camera; Escape closes words
 //   camera      a drag does not turn it below the floor
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
 const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
-const PART = 65536, AHEAD = 16 * PART;  // bytes of a part of a file, and how many may be on their way
+const PART = 65536, AHEAD = 16 * PART;  // bytes of a part of a file, and of the parts that may be sent ahead of the answer
 const LEVEL = 1.54;  // rad from the zenith, just above the floor
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
-let lastRetry = -RETRY, count = 0, uploaded = 0, resume = () => {};  // bytes that have arrived, and who waits for them
+let lastRetry = -RETRY, count = 0, uploaded = 0, resume = () => {};  // bytes that have arrived, and the function that continues a waiting upload
 let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, server = "";
-const written = history.state?.fdcal ?? {};  // what this page has written before, and for which start of the server
+const written = history.state?.fdcal ?? {};  // the address that this page wrote before a reload, and the start of the server that it was for
 let asked = location.hash.slice(1) || written.address || "";
 const setAddress = (state, hash) => history.replaceState(state, "", location.pathname + location.search + hash);
 
-// viser takes the server's address from the page's, and would take what stands after # for a part of it.
+// viser derives the server's address from the page's, and would include the part after #.
 if (asked) setAddress(history.state, "");
 
 const Native = window.Worker;
@@ -42,7 +42,7 @@ window.Worker = class extends Native {
   }
 };
 
-// viser reports the pixels that it draws, more or fewer than those of the page by the screen and by how fast it draws.
+// viser reports the pixels that it draws; their ratio to those of the page depends on screen and drawing speed.
 function measure(message) {
   const canvas = document.querySelector("canvas[data-engine]");
   if (canvas?.clientWidth) [message.image_width, message.image_height] = [canvas.clientWidth, canvas.clientHeight];
@@ -92,7 +92,7 @@ function sendLatest(name, command) {
 }
 
 function introduce() {
-  if (introduced || !greeted || !control) return;  // the two come in either order
+  if (introduced || !greeted || !control) return;  // the greeting and the control arrive in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
   send(`layout=${root.dataset.layout}`);
@@ -103,7 +103,7 @@ function introduce() {
 }
 
 function open(text) {
-  const parts = text.split("&");  // as they are: the server decodes them
+  const parts = text.split("&");  // not decoded here: the server decodes them
   for (const pair of parts) if (pair.startsWith("layout=")) showLayout(pair.slice("layout=".length));
   text = parts.filter(pair => !pair.startsWith("layout=")).join("&");
   if (text && !send(`open=${text}`) && text.length > 150) note(`The address is too long: ${text.slice(0, 60)}...`);
@@ -131,21 +131,21 @@ function show(uuid, content) {
   if (name == "upload") { uploaded = Number(html); resume(); return; }
   if (name == "lecture") {
     root.toggleAttribute("data-lecture", Boolean(html));
-    for (const label of labels) label.size = null;  // in larger type
+    for (const label of labels) label.size = null;  // measured again, since the type changes
     drawnFrom = "";
     return;
   }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
-  if (name == "invitation" && !html) root.removeAttribute("data-invited");  // who has begun needs none again
-  if (!region || name == "bar" && !html) return;  // a server that has only just begun to load
+  if (name == "invitation" && !html) root.removeAttribute("data-invited");  // a user who has begun needs no further invitation
+  if (!region || name == "bar" && !html) return;  // the server has only begun to load
   made.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
   morph(region, made.content);
   if (text() != before) for (const part of [region, ...region.querySelectorAll(".text")]) part.scrollTop = 0;
 }
 
-// Change only what differs: a slider that is dragged and a button that is pressed stay what they are. Elements with an
-// id or a command keep it, also where something appears or goes before them.
+// Change only what differs, so that a slider that is dragged and a button that is pressed are not replaced. An element
+// with an id or a command is found by it, even if another one is inserted or removed before it.
 const keyOf = node => node.id || node.dataset?.do || node.dataset?.local || "";
 function morph(old, wanted) {
   const rest = [...old.childNodes];
@@ -199,20 +199,20 @@ function followScene() {
   placeLabels(camera);
 }
 
-// The handle that is dragged is an invisible disc, which would hide whatever is translucent behind it.
+// A handle is an invisible disc; it must not write depth, because it would hide translucent objects behind it.
 function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
     if (/^\/picking\//.test(name))
       node?.traverse(part => { for (const material of [part.material ?? []].flat()) material.depthWrite = false; });
 }
 
-// From the top the ticks of the z axis would lie on each other, as their numbers would.
+// In the view from the top the ticks of the z axis coincide and are hidden.
 function showTicks() {
   const ticks = window.__viserMutable.nodeRefFromName["/frame_ticks"];
   if (ticks) ticks.visible = upright;
 }
 
-// A surface stays until its successor is drawn, which takes a slow browser seconds: only the newest that is drawn shows.
+// A surface stays until the next one is drawn, which takes a slow browser seconds. Only the newest drawn one is visible.
 function showNewest() {
   const newest = {}, drawn = [];
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName)) {
@@ -257,20 +257,20 @@ function placeLabels(camera) {
 
 function showLayout(name) {
   const wanted = name == "expert" ? "expert" : "explore";
-  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // an address that names the layout that is shown closes nothing
+  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // an address with the present layout must not close the sheet
   root.dataset.layout = wanted;
   if (introduced) send(`layout=${wanted}`);
   setTimeout(unfold, 50);
   write();
 }
 
-// A section of a phone that viser has unfolded while the panels were hidden waits for ever for the end of its transition.
+// If viser unfolds a section on a phone while the panels are hidden, its transition never ends; this ends it.
 function unfold() {
   for (const section of document.querySelectorAll("#root [style*='will-change: height']"))
     section.dispatchEvent(new TransitionEvent("transitionend", {propertyName: "height", bubbles: true}));
 }
 
-// Files of the user, in parts; the server says how much has arrived, or NaN where it takes no more.
+// Upload files of the user in parts. The server reports the number of bytes received, or NaN if it refuses more.
 let uploading = false;
 async function upload(form) {
   const {recording, positions, kind, celsius} = form.elements, button = form.querySelector("button");
@@ -323,7 +323,7 @@ for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gestur
 
 // --- fingers
 
-// A finger takes the nearest microphone within REACH, of which a disc is a few pixels: its gesture is moved onto the disc.
+// A finger selects the nearest microphone within REACH. Its disc has only a few pixels, so the gesture is moved onto it.
 const REACH = 24;  // pixels
 let gesture = null;  // {id, shift}
 function shiftOnto(event) {
@@ -356,7 +356,7 @@ function note(text) {
   if (text && !lost) note.timer = setTimeout(() => note(""), NOTE_TIME);
 }
 
-// The overlay covers the canvas, wherever the panels leave it, and tooltips stand over it, beside the panel they are of.
+// Place the overlay over the canvas, between the panels, and tooltips beside the panel that they belong to.
 function cover(canvas) {
   const place = () => {
     const {left, top, width, height} = canvas.getBoundingClientRect();
@@ -386,12 +386,12 @@ document.addEventListener("keydown", event => {
 
 // --- address
 
-// After a gesture the camera is the user's, until the server places it.
+// After a gesture the camera counts as moved by the user, until the server places it.
 function follow(message) {
   const now = performance.now(), [before, here] = [camera?.position ?? [], message.position];
   if (now - touched < SETTLED && now - placed > SETTLED && here.some((x, i) => Math.abs(x - before[i]) > 1e-4)) moved = true;
   camera = message;
-  const controls = window.__viserMutable?.cameraControl;  // upright, it stays above the floor
+  const controls = window.__viserMutable?.cameraControl;  // if z is up, the camera must stay above the floor
   if (controls) controls.maxPolarAngle = message.up_direction[2] > 0.99 ? LEVEL : Math.PI;
   write();
 }
@@ -399,7 +399,7 @@ function follow(message) {
 function view() {
   if (!camera) return "";
   const {position, look_at, up_direction, fov} = camera, level = Math.hypot(position[0] - look_at[0], position[1] - look_at[1]);
-  if (!moved && level < 1e-2 * Math.abs(position[2] - look_at[2])) return "";  // the plan view, with which a page opens
+  if (!moved && level < 1e-2 * Math.abs(position[2] - look_at[2])) return "";  // the plan view, in which a page opens anyway
   return [...position, ...look_at, ...up_direction, fov].map(x => Number(x.toPrecision(6))).join();
 }
 
@@ -421,7 +421,7 @@ function write() {
 // `write` may already have replaced `location.hash` by the previous address. `asked` is kept for the reload after the
 // server stops.
 addEventListener("hashchange", event => {
-  clearTimeout(writing);  // it would write the address of before over this one
+  clearTimeout(writing);  // a pending write would replace this address by the previous one
   asked = new URL(event.newURL).hash.slice(1);
   open(asked);
 });
