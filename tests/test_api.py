@@ -55,29 +55,19 @@ def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
     np.testing.assert_allclose(again.positions, tiny.positions + 0.5, atol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("function", "arguments", "key"),
-    [
-        ("calibrate", {"known": [3, "3"]}, "known"),
-        ("calibrate", {"solver": "nosuch"}, "solver.name"),
-        ("calibrate", {"exclude": [99]}, "exclude"),
-        ("calibrate", {"modes": 0}, "modes"),
-        ("calibrate", {"seed": -1}, "seed"),
-        ("calibrate", {"distance": 0.2}, "distance"),
-        ("calibrate", {"seed": 1.5, "solver": "joint", "start": "random"}, "seed"),
-        ("calibrate", {"time_limit": 0}, "time_limit"),
-        ("calibrate", {"settings": 3}, "settings"),
-        ("calibrate", {"gain_sigma_db": "1"}, "solver.gain_sigma_db"),
-        ("calibrate", {"progress": 3}, "progress"),
-        ("load", {"source": 3}, "source"),
-        ("load", {"source": "tiny", "positions": 3}, "positions"),
-        ("load", {"source": "nowhere.wav", "temperature": "warm"}, "temperature"),
-        ("load", {"source": "nowhere.wav", "known": 3}, "known"),
-        ("landscape", {"modes": 3}, "modes"),
-        ("landscape", {"microphone": "nosuch"}, "microphone"),
-        ("landscape", {"measurement": "tiny"}, "measurement"),
-    ],
-)
+@pytest.mark.parametrize(("function", "arguments", "key"), [
+    ("calibrate", {"known": [3, "3"]}, "known"), ("calibrate", {"solver": "nosuch"}, "solver.name"),
+    ("calibrate", {"exclude": [99]}, "exclude"), ("calibrate", {"modes": 0}, "modes"),
+    ("calibrate", {"seed": -1}, "seed"), ("calibrate", {"distance": 0.2}, "distance"),
+    ("calibrate", {"seed": 1.5, "solver": "joint", "start": "random"}, "seed"),
+    ("calibrate", {"time_limit": 0}, "time_limit"), ("calibrate", {"settings": 3}, "settings"),
+    ("calibrate", {"gain_sigma_db": "1"}, "solver.gain_sigma_db"), ("calibrate", {"progress": 3}, "progress"),
+    ("load", {"source": 3}, "source"), ("load", {"source": "tiny", "positions": 3}, "positions"),
+    ("load", {"source": "nowhere.wav", "temperature": "warm"}, "temperature"),
+    ("load", {"source": "nowhere.wav", "known": 3}, "known"), ("landscape", {"modes": 3}, "modes"),
+    ("landscape", {"calibration": 3}, "calibration"), ("landscape", {"microphone": "nosuch"}, "microphone"),
+    ("landscape", {"measurement": "tiny"}, "measurement"),
+])  # fmt: skip
 def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, function, arguments, key):
     needed = {"calibrate": {"measurement": tiny}, "landscape": {"measurement": tiny, "microphone": 3}}
     with pytest.raises((fdcal.InputError, fdcal.StorageError)) as caught:

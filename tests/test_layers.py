@@ -22,24 +22,19 @@ PACKAGES = "model acoustics cost solvers assessment recordings session graphics 
 
 # Where a library may be imported, and nowhere else: a package, or a module of one.
 HOMES = {
-    "viser": {"viewer"},
-    "pyvista": {"graphics.snapshot"},
-    "vtk": {"graphics.snapshot"},
-    "vtkmodules": {"graphics.volume"},
-    "threading": {"session"},
-    "_thread": {"session"},
+    **{name: {"commands"} for name in ("click", "tqdm")},
+    **{name: {"graphics.snapshot"} for name in ("pyvista", "vtk")},
+    **{name: {"recordings.formats"} for name in ("soundfile", "h5py", "sofar")},
+    **{name: {"session"} for name in ("threading", "_thread")},
     "concurrent": {"session", "acoustics.compiled"},
     "matplotlib": {"graphics", "viewer"},
-    "click": {"commands"},
-    "tqdm": {"commands"},
-    "platformdirs": {"model.storage"},
-    "threadpoolctl": {"session.process"},
     "pandas": {"assessment.result_file"},
-    "tomllib": {"model"},
-    "soundfile": {"recordings.formats"},
-    "h5py": {"recordings.formats"},
+    "platformdirs": {"model.storage"},
     "sounddevice": {"recordings.take"},
-    "sofar": {"recordings.formats"},
+    "threadpoolctl": {"session.process"},
+    "tomllib": {"model"},
+    "viser": {"viewer"},
+    "vtkmodules": {"graphics.volume"},
 }
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

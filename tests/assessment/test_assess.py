@@ -226,17 +226,13 @@ def test_an_earlier_row_hides_a_later_one(begun, row):
             assert first_row(ROWS[row][2](ROWS[later][2](begun(row, later)))) == row, later
 
 
-@pytest.mark.parametrize(
-    ("row", "altered"),
-    [
-        (0, lambda e, limit, by: with_given_noise(with_share(e, limit * by), limit)),
-        (8, lambda e, limit, by: with_agreement(e, limit / by)),
-        (6, lambda e, limit, by: with_step(e, limit * by)),
-        (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + ROOM_RESIDUAL), 0.01)),
-        (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
-        (11, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
-    ],
-)
+@pytest.mark.parametrize(("row", "altered"), [
+    (0, lambda e, limit, by: with_given_noise(with_share(e, limit * by), limit)),
+    (8, lambda e, limit, by: with_agreement(e, limit / by)), (6, lambda e, limit, by: with_step(e, limit * by)),
+    (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + ROOM_RESIDUAL), 0.01)),
+    (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
+    (11, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
+])  # fmt: skip
 def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
     limit = FINDINGS[row].limit
     assert first_row(altered(estimate, limit, 1.02)) == row

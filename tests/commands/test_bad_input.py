@@ -39,7 +39,9 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["snapshot", "tiny", "--size", "100x1000000", "-o", "f.png"], ["'--size'", "100x1000000", "64 to 8192"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
         (["calibrate", "tiny", "--solver", "joint", "--gains", "fixed"], ["--solver robust"]),
+        (["calibrate", "tiny", "--start", "affine"], ["leave out --start"]),
         (["calibrate", "tiny", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], ["--gains auto"]),
+        (["calibrate", "tiny", "--gain-sigma", "1..2dB,5deg"], ["as 1dB,5deg"]),
         (["calibrate", "tiny", "--known-sigma", "5"], ["as 5mm"]),
         (["calibrate", "tiny", "--sound-speed-sigma", "0.3"], ["as 0.3%"]),
         (["calibrate", "tiny", "--distance", "0,4,1"], ["--distance", "without known"]),
@@ -76,32 +78,26 @@ def test_bad_results_exit_2(made, tmp_path, refused):
 # Files of another kind than a command takes: one line says what the file is and where it belongs.
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "arguments", "words"),
-    [
-        ("g.csv", b"name,x,y\n0,1,2\n", ["calibrate", "g.csv"], "is a table of positions; give it as --positions"),
-        ("result.json", b"{}", ["calibrate", "result.json"], "fdcal export"),
-        ("notes.md", b"", ["calibrate", "."], "is a folder in which no recordings were found"),
-        ("room.npz", b"PK\x03\x04", ["export", "room.npz", "-o", "out.csv"], "is not a result; give the .json file"),
-        ("empty.wav", b"", ["import", "empty.wav", "-o", "out.npz"], "that can be read: the file is empty"),
-    ],
-)
+@pytest.mark.parametrize(("name", "content", "arguments", "words"), [
+    ("g.csv", b"name,x,y\n0,1,2\n", ["calibrate", "g.csv"], "is a table of positions; give it as --positions"),
+    ("result.json", b"{}", ["calibrate", "result.json"], "fdcal export"),
+    ("notes.md", b"", ["calibrate", "."], "is a folder in which no recordings were found"),
+    ("room.npz", b"PK\x03\x04", ["export", "room.npz", "-o", "out.csv"], "is not a result; give the .json file"),
+    ("empty.wav", b"", ["import", "empty.wav", "-o", "out.npz"], "that can be read: the file is empty"),
+])  # fmt: skip
 def test_a_file_of_another_kind_is_said_to_be_one(tmp_path, refused, name, content, arguments, words):
     (tmp_path / name).write_bytes(content)
     assert words in refused(*arguments)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["calibrate", "gone.json"], r"cannot read scene gone\.json: No such file or directory"),
-        (["calibrate", "gone.wav"], r"gone\.wav: No such file or directory"),
-        (["calibrate", "gone.npz"], r"cannot read gone\.npz: No such file or directory"),
-        (["plan", "gone.csv"], r"cannot read gone\.csv: No such file or directory"),
-        (["simulate", "gone.toml", "-o", "new.npz"], r"cannot read scene gone\.toml: No such file or directory"),
-        (["simulate", "tiny", "-o", "gone/new.npz"], "mkdir"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["calibrate", "gone.json"], r"cannot read scene gone\.json: No such file or directory"),
+    (["calibrate", "gone.wav"], r"gone\.wav: No such file or directory"),
+    (["calibrate", "gone.npz"], r"cannot read gone\.npz: No such file or directory"),
+    (["plan", "gone.csv"], r"cannot read gone\.csv: No such file or directory"),
+    (["simulate", "gone.toml", "-o", "new.npz"], r"cannot read scene gone\.toml: No such file or directory"),
+    (["simulate", "tiny", "-o", "gone/new.npz"], "mkdir"),
+])  # fmt: skip
 def test_files_and_folders_that_are_not_there_exit_3(refused, arguments, words):
     assert re.search(words, refused(*arguments, code=3))
 

@@ -153,14 +153,10 @@ def test_port_in_use_exits_2(refused):
     assert "--port 0" in line
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["simulate", "tiny", "-o", "out.npz"],
-        ["calibrate", "tiny", "--modes", "12", "-o", "out.json"],
-        ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
-    ],
-)
+@pytest.mark.parametrize("arguments", [
+    ["simulate", "tiny", "-o", "out.npz"], ["calibrate", "tiny", "--modes", "12", "-o", "out.json"],
+    ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
+])  # fmt: skip
 def test_existing_output_stays_without_force(arguments, tmp_path, refused):
     path = tmp_path / arguments[-1]
     path.write_text("precious")

@@ -43,17 +43,12 @@ def test_debug_shows_the_traceback(arguments, broken, capsys):
     assert "Traceback" in errors and errors.splitlines()[-1].startswith("error: ")
 
 
-@pytest.mark.parametrize(
-    ("error", "code", "words"),
-    [
-        (MemoryError(), 1, "not enough memory"),
-        (KeyboardInterrupt(), 130, "interrupted"),
-        (RecursionError("too deep"), 1, "report"),
-        (OSError("disk on fire"), 3, "disk on fire"),
-        (ValueError("x" * 10**6), 1, "..."),
-        (ZeroDivisionError("division\nby zero"), 1, "ZeroDivisionError: division by zero"),
-    ],
-)
+@pytest.mark.parametrize(("error", "code", "words"), [
+    (MemoryError(), 1, "not enough memory"), (KeyboardInterrupt(), 130, "interrupted"),
+    (RecursionError("too deep"), 1, "report"), (OSError("disk on fire"), 3, "disk on fire"),
+    (ValueError("x" * 10**6), 1, "..."),
+    (ZeroDivisionError("division\nby zero"), 1, "ZeroDivisionError: division by zero"),
+])  # fmt: skip
 def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
     broken(error)
     assert ended("scenes") == code

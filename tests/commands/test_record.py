@@ -136,18 +136,15 @@ def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkey
     assert "recording 100 % |" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--replay", "one.wav", "--device", "2"], "leave out --device"),
-        (["--replay", "nowhere.wav"], "cannot read nowhere.wav"),
-        (["--replay", "one.wav", "--channels", "99"], "give fewer --channels"),
-        (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
-        (["--replay", "one.wav", "--replay", "one.wav", "nowhere.wav"], "cannot read nowhere.wav"),
-        (["--replay", "one.wav", "--seconds", "nan"], "seconds = nan must be a number"),
-        (["--replay", "one.wav", "--result", "list.json"], "list.json exists"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    (["--replay", "one.wav", "--device", "2"], "leave out --device"),
+    (["--replay", "nowhere.wav"], "cannot read nowhere.wav"),
+    (["--replay", "one.wav", "--channels", "99"], "give fewer --channels"),
+    (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
+    (["--replay", "one.wav", "--replay", "one.wav", "nowhere.wav"], "cannot read nowhere.wav"),
+    (["--replay", "one.wav", "--seconds", "nan"], "seconds = nan must be a number"),
+    (["--replay", "one.wav", "--result", "list.json"], "list.json exists"),
+])  # fmt: skip
 def test_what_cannot_be_recorded_is_one_line_and_no_file(folder, monkeypatch, capsys, options, words):
     monkeypatch.chdir(folder)
     assert exit_code("record", "-o", "no.wav", *options) in (2, 3)

@@ -73,25 +73,22 @@ TWO = {"known": [0, 4]}
 MINIMAL, DESCENT = ["--known", "minimal"], ["--solver", "descent"]
 
 
-@pytest.mark.parametrize(
-    ("change", "options", "given", "words"),
-    [
-        (column(9, lambda p: np.nan), [], {}, ['microphone "9"', "finite", "--exclude 9"]),
-        (column(9, lambda p: 0.0), [], {}, ['microphone "9"', "zero", "--exclude 9"]),
-        (column(9, lambda p: 0.3 - 0.1j), [], {}, ['microphone "9"', "constant pressure", "--exclude 9"]),
-        (column(9, lambda p: 2j * p[:, 3]), [], {}, ['"3" and "9"', "recorded the same", "--exclude 9"]),
-        (few_modes(1), [], {}, ["44 unknown coordinates", "at least 2 are needed"]),
-        (few_modes(5), [], {}, ["use at least 6"]),
-        (dict, [], {"places": TRUTH[KNOWN], "known": [0, 1]}, ["3 microphones are too few"]),
-        (dict, [], {"places": TRUTH[[0, 4, 22, 12, 8]], "known": [0, 1, 2]}, ["too few"]),
-        (given_at(TRUTH[[0, 0, 22]]), [], {}, ['"0" and "4"', "known_positions"]),
-        (given_at([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]]), [], {}, ["span the array"]),
-        (dict, [], TWO, ["name at least 3 known microphones that span the array, or none"]),
-        (dict, DESCENT, TWO, ["known = [0, 4]", "three"]),
-        (dict, MINIMAL, TWO, ["known = [0, 4] does not fix the gauge", "3 known microphones"]),
-        (dict, [], {"places": LINE, "known": []}, ["on a line"]),
-    ],
-)
+@pytest.mark.parametrize(("change", "options", "given", "words"), [
+    (column(9, lambda p: np.nan), [], {}, ['microphone "9"', "finite", "--exclude 9"]),
+    (column(9, lambda p: 0.0), [], {}, ['microphone "9"', "zero", "--exclude 9"]),
+    (column(9, lambda p: 0.3 - 0.1j), [], {}, ['microphone "9"', "constant pressure", "--exclude 9"]),
+    (column(9, lambda p: 2j * p[:, 3]), [], {}, ['"3" and "9"', "recorded the same", "--exclude 9"]),
+    (few_modes(1), [], {}, ["44 unknown coordinates", "at least 2 are needed"]),
+    (few_modes(5), [], {}, ["use at least 6"]),
+    (dict, [], {"places": TRUTH[KNOWN], "known": [0, 1]}, ["3 microphones are too few"]),
+    (dict, [], {"places": TRUTH[[0, 4, 22, 12, 8]], "known": [0, 1, 2]}, ["too few"]),
+    (given_at(TRUTH[[0, 0, 22]]), [], {}, ['"0" and "4"', "known_positions"]),
+    (given_at([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]]), [], {}, ["span the array"]),
+    (dict, [], TWO, ["name at least 3 known microphones that span the array, or none"]),
+    (dict, DESCENT, TWO, ["known = [0, 4]", "three"]),
+    (dict, MINIMAL, TWO, ["known = [0, 4] does not fix the gauge", "3 known microphones"]),
+    (dict, [], {"places": LINE, "known": []}, ["on a line"]),
+])  # fmt: skip
 def test_what_does_not_determine_the_positions_is_refused_and_a_dead_channel_named(
     calibrate, change, options, given, words
 ):

@@ -15,20 +15,10 @@ from fields import waves
 from PIL import Image, ImageDraw
 
 from fdcal.graphics import glyphs, snapshot
+from fdcal.graphics import picture as pictures
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, KNOWN, TRUE
-from fdcal.graphics.picture import (
-    HEIGHT,
-    LETTER,
-    compose,
-    name_place,
-    static_picture,
-    with_ball,
-    with_ellipses,
-    with_trails,
-    z_range_of,
-)
 from fdcal.graphics.primitives import Mesh
 from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
@@ -65,7 +55,7 @@ def names(drawn):
 def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     estimate = measurement.positions + 0.01
     estimate[:3] = measurement.known_positions
-    drawn = compose(scene, measurement, estimate, microphone=5)
+    drawn = pictures.compose(scene, measurement, estimate, microphone=5)
     circles = part(drawn, "microphones/true")
     assert circles.colour == TRUE and part(drawn, "microphones/known").colour == KNOWN
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
@@ -76,7 +66,7 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # two strokes a cross, four corners a stroke
     np.testing.assert_allclose(middles[..., :2], np.repeat(estimate[3:, None], 2, axis=1), atol=1e-6)
     blind = dataclasses.replace(measurement, positions=None)
-    drawn = compose(scene, blind, measurement.positions, microphone=4)
+    drawn = pictures.compose(scene, blind, measurement.positions, microphone=4)
     assert not names(drawn) & {"microphones/true", "microphones/error", "selected/true"}, "nothing at unknown places"
     assert "microphones/estimate" in names(drawn)
 
@@ -88,7 +78,7 @@ def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_an
     estimate = measurement.positions.copy()
     estimate[[1, *range(3, len(estimate))]] += 0.05
     estimate[2] += 1e-4  # its square covers that
-    drawn = compose(scene, measurement, estimate)
+    drawn = pictures.compose(scene, measurement, estimate)
     squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
     np.testing.assert_allclose(squares[:, :2], measurement.known_positions, atol=1e-6)
     crosses = part(drawn, "microphones/estimate").vertices.reshape(-1, 2, 4, 3).mean(axis=(1, 2))
@@ -100,7 +90,7 @@ def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_an
 
 @pytest.mark.parametrize("microphone", [4, None, -1, 99])
 def test_the_selected_microphone_stands_out(scene, measurement, microphone):
-    drawn = compose(scene, measurement, measurement.positions, microphone=microphone)
+    drawn = pictures.compose(scene, measurement, measurement.positions, microphone=microphone)
     if microphone != 4:
         assert not any(name.startswith("selected") for name in names(drawn))
         return
@@ -117,11 +107,11 @@ def area(mesh) -> float:
 
 def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
     bare = dataclasses.replace(measurement, search=None)
-    drawn = compose(None, bare, measurement.positions)
+    drawn = pictures.compose(None, bare, measurement.positions)
     x0, y0, x1, y1 = drawn.focus
     inside = (measurement.positions > [x0, y0]) & (measurement.positions < [x1, y1])
     assert inside.all() and "room/walls" not in names(drawn)
-    assert static_picture(None, bare).bounds == drawn.focus
+    assert pictures.static_picture(None, bare).bounds == drawn.focus
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +126,7 @@ def test_in_space_every_marker_is_at_its_own_height(ball):
     scene, measurement = ball
     estimate = measurement.positions + [0.01, 0.0, 0.02]
     estimate[:4] = measurement.positions[:4]
-    drawn = compose(scene, measurement, estimate, microphone=5)
+    drawn = pictures.compose(scene, measurement, estimate, microphone=5)
     for name, expected, corners in (
         ("microphones/true", measurement.positions, 80),
         ("microphones/known", measurement.positions[:4], 4),
@@ -159,8 +149,8 @@ def test_in_space_every_marker_is_at_its_own_height(ball):
 
 def test_in_space_the_room_is_a_box_and_the_map_lies_under_the_array(ball):
     scene, measurement = ball
-    floor = cost_floor(np.ones((51, 51)), scene.search, height=z_range_of(scene, measurement)[0])
-    drawn = compose(scene, measurement, measurement.positions, 5, floor)
+    floor = cost_floor(np.ones((51, 51)), scene.search, height=pictures.z_range_of(scene, measurement)[0])
+    drawn = pictures.compose(scene, measurement, measurement.positions, 5, floor)
     assert drawn.z_range == (0.8, 1.8) and drawn.floor.height == 0.8
     edges = np.concatenate([part(drawn, name).segments for name in ("room/edges", "room/box")])
     np.testing.assert_allclose(np.ptp(edges.reshape(-1, 3), axis=0), scene.room.size, atol=0.01)
@@ -175,36 +165,36 @@ def test_a_plane_array_is_drawn_at_its_height_in_the_room():
     scene = load_scene("plane3d")
     positions = np.random.default_rng(1).uniform([1.5, 1.2], [2.3, 2.0], (12, 2))
     measurement = listen(positions, search=scene.search, dimension=3, array_dimension=2)
-    drawn = compose(scene, measurement, positions, 5)
+    drawn = pictures.compose(scene, measurement, positions, 5)
     assert drawn.z_range == (1.2, 1.2)
     for name in ("microphones/true", "microphones/estimate", "microphones/known", "frame"):
         each = part(drawn, name)
         z = (each.segments if hasattr(each, "segments") else each.vertices)[..., 2]
         np.testing.assert_allclose(z, 1.2, atol=drawn.marker_radius)
-    assert compose(None, measurement, positions).z_range == (0.0, 0.0)
+    assert pictures.compose(None, measurement, positions).z_range == (0.0, 0.0)
 
 
 def test_trails_follow_each_microphone_and_skip_rests(scene, measurement):
     start = measurement.positions
     paths = np.stack([start, start, start + [0.01, 0.0], start + [0.01, 0.02]])
     paths[:, 4] = start[4]  # this one never moves
-    segments = part(with_trails(compose(scene, measurement), paths), "trails").segments
+    segments = part(pictures.with_trails(pictures.compose(scene, measurement), paths), "trails").segments
     assert segments.shape == (2 * 11, 2, 3)
     for n in (0, 7, 11):
         for ends in (paths[1:3, n], paths[2:4, n]):
             assert (np.abs(segments[:, :, :2] - ends).max(axis=(1, 2)) < 1e-6).any()
-    assert "trails" not in names(with_trails(compose(scene, measurement), paths[:1]))
+    assert "trails" not in names(pictures.with_trails(pictures.compose(scene, measurement), paths[:1]))
 
 
 def test_ellipses_have_the_half_axes_given(scene, measurement):
     axes = np.tile(np.array([[0.0, 0.004], [0.02, 0.0]]), (12, 1, 1))
     axes[:3] = 0  # known
-    drawn = with_ellipses(compose(scene, measurement), measurement.positions, axes)
+    drawn = pictures.with_ellipses(pictures.compose(scene, measurement), measurement.positions, axes)
     rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)  # a corner of all, then the next
     away = rims - measurement.positions[3:]
     np.testing.assert_allclose(np.abs(away[..., 0]).max(axis=0), 0.02, rtol=1e-4)
     np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)
-    nothing = with_ellipses(compose(scene, measurement), measurement.positions, 0 * axes)
+    nothing = pictures.with_ellipses(pictures.compose(scene, measurement), measurement.positions, 0 * axes)
     assert "ellipses" not in names(nothing)
 
 
@@ -214,7 +204,7 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     measurement = Measurement(
         np.array([100.0]), np.ones((1, 64), complex), 343.0, 3, positions=places, search=scene.search
     )
-    picture = static_picture(scene, measurement)
+    picture = pictures.static_picture(scene, measurement)
     parts = [part.name for part in (*picture.meshes, *picture.lines, *picture.labels)]
     assert not [name for name in parts if name.startswith(("room", "source"))]
     assert picture.bounds == picture.focus
@@ -225,7 +215,7 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
 
 def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
     scene = load_scene("ball3d")
-    picture = static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
+    picture = pictures.static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
     image, size = ImageDraw.Draw(Image.new("RGB", (900, 700))), (900, 700)
     letters = snapshot.font(14)
     for view, shown in (("top", "frame/range"), ("close", "frame/z")):
@@ -248,7 +238,7 @@ FOCUS, RADIUS, TEXT = (0.0, 0.0, 1.0, 1.0), 0.0125, "microphone 12"
 def box_of(place, anchor):
     """What the text covers, by the meaning of its anchor."""
     vertical, horizontal = anchor.split("-")
-    width, height = LETTER * len(TEXT) * RADIUS, HEIGHT * RADIUS
+    width, height = pictures.LETTER * len(TEXT) * RADIUS, pictures.HEIGHT * RADIUS
     x = place[0] - width * {"left": 0, "center": 0.5, "right": 1}[horizontal]
     y = place[1] - height * {"bottom": 0, "center": 0.5, "top": 1}[vertical]
     return x, y, x + width, y + height
@@ -261,7 +251,7 @@ def covered(box, marks):
 
 @pytest.mark.parametrize("place", [(x, y) for x in (0.02, 0.5, 0.98) for y in (0.02, 0.5, 0.98)])
 def test_a_name_stays_inside_the_picture_and_off_its_microphone(place):
-    box = box_of(*name_place(TEXT, place, [], FOCUS, RADIUS))
+    box = box_of(*pictures.name_place(TEXT, place, [], FOCUS, RADIUS))
     assert box[0] >= 0 and box[1] >= 0 and box[2] <= 1 and box[3] <= 1
     assert not covered((box[0] - RADIUS, box[1] - RADIUS, box[2] + RADIUS, box[3] + RADIUS), [place])
 
@@ -297,7 +287,7 @@ def test_walls_are_a_closed_band_of_the_right_area(name):
 def test_the_name_of_a_ball_stands_above_it_from_everywhere(scene, measurement, view):
     floor = cost_floor(np.ones((60, 50)), scene.search, relief=True)
     estimate, size = measurement.positions, (900, 700)
-    drawn = with_ball(compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
+    drawn = pictures.with_ball(pictures.compose(scene, measurement, estimate, 5, floor), estimate[5], floor)
     camera = camera_for(drawn, size, view)
     ball = project(camera, size, part(drawn, "microphones/ball").vertices)
     texts = snapshot.uncovered(ImageDraw.Draw(Image.new("RGB", size)), drawn, camera, snapshot.font(14))
@@ -308,7 +298,7 @@ def test_the_name_of_a_ball_stands_above_it_from_everywhere(scene, measurement, 
 def test_a_map_in_relief_is_a_block_from_its_heights_down_to_its_level(scene, measurement):
     cost = np.random.default_rng(2).uniform(1, 2, (9, 11))
     floor = cost_floor(cost, scene.search, relief=True, height=0.5)
-    drawn = compose(scene, measurement, floor=floor)
+    drawn = pictures.compose(scene, measurement, floor=floor)
     sides = [part(drawn, f"relief_sides/{axis}") for axis in "xy"]
     assert sides[0].colour != sides[1].colour, "the light comes from one side"
     x0, y0 = floor.origin
@@ -319,5 +309,5 @@ def test_a_map_in_relief_is_a_block_from_its_heights_down_to_its_level(scene, me
         )
         assert low[2] == 0.5 and high[2] == pytest.approx(0.5 + np.delete(floor.heights, slice(1, -1), 1 - axis).max())
         assert area(side) > 0
-    flat = compose(scene, measurement, floor=cost_floor(cost, scene.search))
+    flat = pictures.compose(scene, measurement, floor=cost_floor(cost, scene.search))
     assert not [name for name in names(flat) if name.startswith("relief_sides")]

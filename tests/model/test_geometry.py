@@ -10,18 +10,7 @@ from running import refuses
 
 from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
-from fdcal.model.arrays import (
-    WALL_DISTANCE_M,
-    circle,
-    hull_meets,
-    in_polygon,
-    positions_3d,
-    positions_of,
-    random_source,
-    rectangle,
-    rectangle_plus_random,
-    snap,
-)
+from fdcal.model import arrays
 from fdcal.model.gauge import align, fixes_gauge, position_errors
 from fdcal.model.scene import Array, Gauge, Room, load_scene
 from fdcal.model.settings import CELLS, Sensing, search_around
@@ -31,22 +20,24 @@ L_SHAPE = np.array([[0, 0], [6, 0], [6, 3], [4, 3], [4, 5], [0, 5.0]])
 
 
 def test_circles_rectangles_and_lattices():
-    points = circle(65, 0.35)
+    points = arrays.circle(65, 0.35)
     assert np.allclose(np.linalg.norm(points, axis=1), 0.35)
     assert np.allclose(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1), 0.7 * np.sin(np.pi / 65))
-    points = rectangle((3, 2), (2.0, 1.0))  # along x first
+    points = arrays.rectangle((3, 2), (2.0, 1.0))  # along x first
     assert np.allclose(points, [[-1, -0.5], [0, -0.5], [1, -0.5], [-1, 0.5], [0, 0.5], [1, 0.5]])
-    assert np.allclose(rectangle((1, 2), (5.0, 1.0)), [[0, -0.5], [0, 0.5]])
+    assert np.allclose(arrays.rectangle((1, 2), (5.0, 1.0)), [[0, -0.5], [0, 0.5]])
     rng = np.random.default_rng(0)
-    assert len(rectangle_plus_random((2, 2), (0.12, 0.12), 12, 0.04, rng)) == 16, "every free cell"
+    assert len(arrays.rectangle_plus_random((2, 2), (0.12, 0.12), 12, 0.04, rng)) == 16, "every free cell"
     with pytest.raises(InputError, match=r"array\.random = 13 is more than the 12 free cells"):
-        rectangle_plus_random((2, 2), (0.12, 0.12), 13, 0.04, rng)
+        arrays.rectangle_plus_random((2, 2), (0.12, 0.12), 13, 0.04, rng)
 
 
 @settings(deadline=None)  # a busy machine is no fault
 @given(st.integers(0, 2**32), st.integers(1, 40))
 def test_random_microphones_are_drawn_without_replacement(seed, extra):
-    draw = [rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, np.random.default_rng(seed)) for _ in range(2)]
+    draw = [
+        arrays.rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, np.random.default_rng(seed)) for _ in range(2)
+    ]
     assert np.array_equal(*draw), "the same seed gives the same array"
     points = draw[0]
     assert len(np.unique(np.round(points / 0.02), axis=0)) == len(points) == 9 + extra
@@ -56,46 +47,50 @@ def test_random_microphones_are_drawn_without_replacement(seed, extra):
 @settings(deadline=None)  # a busy machine is no fault
 @given(st.floats(-10, 10), st.floats(-10, 10), st.sampled_from([0.02, 0.04, 0.017]))
 def test_snapping_returns_the_centre_of_the_own_cell_and_is_idempotent(x, y, cell):
-    snapped = snap(np.array([x, y]), cell)
+    snapped = arrays.snap(np.array([x, y]), cell)
     assert np.abs(snapped - [x, y]).max() <= cell / 2 * (1 + 1e-6)
-    assert np.array_equal(snap(snapped, cell), snapped)
+    assert np.array_equal(arrays.snap(snapped, cell), snapped)
     assert np.allclose(snapped / cell - 0.5, np.round(snapped / cell - 0.5), atol=1e-9)
 
 
 def test_inside_of_an_l_shape():
-    centres = snap(np.stack(np.meshgrid(np.arange(0, 6.5, 0.1), np.arange(0, 5.5, 0.1)), axis=-1), 0.1)
-    assert np.isclose(in_polygon(centres, L_SHAPE).sum() * 0.01, 26), "square metres"
+    centres = arrays.snap(np.stack(np.meshgrid(np.arange(0, 6.5, 0.1), np.arange(0, 5.5, 0.1)), axis=-1), 0.1)
+    assert np.isclose(arrays.in_polygon(centres, L_SHAPE).sum() * 0.01, 26), "square metres"
     points = np.array([[5, 2.9], [3.9, 4.9], [4.1, 3.1], [-0.1, 1], [6.1, 1], [1, 5.1]])
-    assert in_polygon(points, L_SHAPE).tolist() == [True, True, False, False, False, False]
-    assert in_polygon(points, L_SHAPE[::-1]).tolist() == in_polygon(points, L_SHAPE).tolist()
-    assert in_polygon(points.reshape(3, 2, 2), L_SHAPE).shape == (3, 2)
+    assert arrays.in_polygon(points, L_SHAPE).tolist() == [True, True, False, False, False, False]
+    assert arrays.in_polygon(points, L_SHAPE[::-1]).tolist() == arrays.in_polygon(points, L_SHAPE).tolist()
+    assert arrays.in_polygon(points.reshape(3, 2, 2), L_SHAPE).shape == (3, 2)
 
 
 def test_hulls_of_a_line_of_a_square_and_of_a_solid():
     line = np.array([[0, 0], [1, 1], [2, 2.0]])
-    inside = [hull_meets(line, np.array([place])) for place in ([1.5, 1.5], [2.0, 2.0], [2.5, 2.5], [1.0, 0.5])]
+    inside = [arrays.hull_meets(line, np.array([place])) for place in ([1.5, 1.5], [2.0, 2.0], [2.5, 2.5], [1.0, 0.5])]
     assert inside == [True, True, False, False]
     cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)])
-    assert hull_meets(cube, np.array([[0.2, 0.9, 0.5]])) and not hull_meets(cube, np.array([[0.2, 1.1, 0.5]]))
+    assert arrays.hull_meets(cube, np.array([[0.2, 0.9, 0.5]])) and not arrays.hull_meets(
+        cube, np.array([[0.2, 1.1, 0.5]])
+    )
     sheet = cube[cube[:, 2] == 0]
-    assert hull_meets(sheet, np.array([[0.5, 0.5, 0.0]])) and not hull_meets(sheet, np.array([[0.5, 0.5, 0.01]]))
+    assert arrays.hull_meets(sheet, np.array([[0.5, 0.5, 0.0]])) and not arrays.hull_meets(
+        sheet, np.array([[0.5, 0.5, 0.01]])
+    )
 
 
 def test_positions_of_a_scene(edited):
     """Cell centres, read-only; the seed moves only the random microphones; a plane array stands at its height."""
     scene = load_scene("array1_circle")
-    positions = positions_of(scene)
-    assert np.array_equal(positions, snap(positions, scene.room.cell)) and not positions.flags.writeable
+    positions = arrays.positions_of(scene)
+    assert np.array_equal(positions, arrays.snap(positions, scene.room.cell)) and not positions.flags.writeable
     assert np.abs(np.linalg.norm(positions - scene.array.center, axis=1) - 0.35).max() < 0.02 * np.sqrt(0.5)
-    one, two = (positions_of(load_scene(edited({"seed": seed}))) for seed in ("1", "2"))
+    one, two = (arrays.positions_of(load_scene(edited({"seed": seed}))) for seed in ("1", "2"))
     assert np.array_equal(one[:9], two[:9]) and not np.array_equal(one[9:], two[9:])
     scene = load_scene("plane3d")
-    np.testing.assert_array_equal(positions_3d(scene)[:, :2], positions_of(scene))
-    np.testing.assert_allclose(positions_3d(scene)[:, 2], scene.array.center[2])
+    np.testing.assert_array_equal(arrays.positions_3d(scene)[:, :2], arrays.positions_of(scene))
+    np.testing.assert_allclose(arrays.positions_3d(scene)[:, 2], scene.array.center[2])
     changes = {"array.geometry": '"positions"', "array.shape": None, "array.size": None, "array.random": None}
     changes |= {"array.positions": "[[-0.2, -0.2], [0.2, 0], [0, 0.2], [0.13, 0.11]]", "gauge.known": "[0, 1, 2]"}
     expected = [[0.5, 0.34], [0.9, 0.54], [0.7, 0.74], [0.82, 0.66]]
-    assert np.allclose(positions_of(load_scene(edited(changes))), expected)
+    assert np.allclose(arrays.positions_of(load_scene(edited(changes))), expected)
 
 
 def across(outline, positions):
@@ -110,10 +105,10 @@ def test_array_round_a_corner_or_on_both_sides_of_a_slot_is_refused():
     places = ((1.51, 1.91), (2.49, 1.91), (2.49, 2.81), (1.51, 2.81))
     for end in (2.3, 1.0):  # a slot that ends between the microphones, and one that parts them
         slot = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (2.02, 5.0), (2.02, end), (2.0, end), (2.0, 5.0), (0.0, 5.0))
-        refuses("nothing may obstruct", positions_of, across(slot, places))
+        refuses("nothing may obstruct", arrays.positions_of, across(slot, places))
     scene = across(None, ((3.91, 4.01), (5.01, 2.91), (3.51, 2.51), (2.51, 2.51)))
-    refuses(r"room\.outline.*\(4, 3\).*between the microphones.*array\.center", positions_of, scene)
-    positions_of(across(None, ((3.91, 2.91), (3.01, 2.91), (3.01, 1.91), (2.51, 2.51))))
+    refuses(r"room\.outline.*\(4, 3\).*between the microphones.*array\.center", arrays.positions_of, scene)
+    arrays.positions_of(across(None, ((3.91, 2.91), (3.01, 2.91), (3.01, 1.91), (2.51, 2.51))))
 
 
 # Arrays in a room of three dimensions.
@@ -134,7 +129,7 @@ def test_the_measurement_is_the_field_at_the_microphones(name):
     assert (measured.dimension, measured.array_dimension) == (3, 2 if name == "plane3d" else 3)
     np.testing.assert_allclose(
         clean.pressures,
-        point_source_pressures(scene.room, scene.source.position, positions_3d(scene), clean.wavenumbers),
+        point_source_pressures(scene.room, scene.source.position, arrays.positions_3d(scene), clean.wavenumbers),
         rtol=1e-9,
     )
     assert not clean.noise_power.any() and np.all(clean.wavenumbers.imag < 0) and len(clean.frequencies) > 5
@@ -167,14 +162,18 @@ MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])
 @pytest.mark.parametrize("size", [(5.0, 4.0), (5.0, 4.0, 2.5)])
 def test_places_keep_their_distances_and_reach_all_of_the_room(size):
     rng = np.random.default_rng(0)
-    places = np.array([random_source(size, MICROPHONES, 0.7, rng, lambda place: place[0] > 0.5) for _ in range(800)])
+    places = np.array(
+        [arrays.random_source(size, MICROPHONES, 0.7, rng, lambda place: place[0] > 0.5) for _ in range(800)]
+    )
     assert places.shape == (800, len(size))
-    assert (places >= WALL_DISTANCE_M).all() and (places <= np.array(size) - WALL_DISTANCE_M).all()
+    assert (places >= arrays.WALL_DISTANCE_M).all() and (places <= np.array(size) - arrays.WALL_DISTANCE_M).all()
     assert np.linalg.norm(places[:, None, :2] - MICROPHONES, axis=2).min() > 0.7
     assert places[:, 0].min() > 0.5, "what is not allowed is not drawn"
-    seeds = [random_source(size, MICROPHONES, 0.7, np.random.default_rng(3), lambda place: True) for _ in range(2)]
+    seeds = [
+        arrays.random_source(size, MICROPHONES, 0.7, np.random.default_rng(3), lambda place: True) for _ in range(2)
+    ]
     np.testing.assert_array_equal(*seeds)
-    assert random_source(size, MICROPHONES, 9.0, rng, lambda place: True) is None, "a full room"
+    assert arrays.random_source(size, MICROPHONES, 9.0, rng, lambda place: True) is None, "a full room"
     quarters = (places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)
     assert np.bincount(quarters).min() > 100
 

@@ -101,6 +101,9 @@ def test_a_required_key_is_asked_for(written, key):
     ("changes", "words"),
     [
         ({"known": [0.9, 1.0, 2.7]}, ["known is real (float64)", "whole numbers"]),
+        ({"known": [True, False, True]}, ["known is true or false", "whole numbers"]),
+        ({"pressures": np.array([[True, False]])}, ["pressures is true or false", "complex numbers"]),
+        ({"names": np.arange(5)}, ["names is int64", "texts"]),
         ({"known": [0, 1, 2, 3, 4], "known_positions": POSITIONS}, ["known", "none is left to be found"]),
         ({"known": [0, 1, 1]}, ["known = [0, 1, 1]", "at most once"]),
         ({"known_positions": POSITIONS[:2]}, ["known_positions has shape (2, 2)", "(3, 2)"]),

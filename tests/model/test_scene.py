@@ -29,10 +29,17 @@ def test_name_and_path_give_the_same_scene(edited):
 FLAT = "position = [4.3, 3.5]\nlow = 20.0\nhigh = 300.0\nsample_rate = 700.0"
 CORNER = "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"
 
+RANGES = [  # of one key each
+    ("array.random", "100000", "array.count = 100009"), ("source.high", "9000.0", "half of source.sample_rate = 13000"),
+    ("search.origin", "[1e300, 0.4]", "too far away"), ("measurement.snr_db", "-inf", "decibels"),
+    ("gauge.known", "[0, 5, 5]", "twice"), ("faults.phase_deg", "nan", "must be a number"),
+]  # fmt: skip
+
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        *(({key: value}, [word]) for key, value, word in RANGES),
         ({"room.sise": "[1, 1]"}, ["room.sise is not a key", 'did you mean "room.size"']),
         ({"source.position": None}, ["source.position is missing", "add it"]),
         ({"room.cell": '"4 cm"'}, ["room.cell = '4 cm'", "a number"]),
@@ -80,6 +87,7 @@ CORNER = "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"
                 ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
                 ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
                 ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
+                ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
                 (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions", "101", "at most 100"]),
             )
         ),
@@ -110,20 +118,19 @@ def boxed(tmp_path):
     return write
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"[room]": "[room]\ncell = 0.02"}, ["room.cell = 0.02 m has no meaning", "remove it"]),
-        ({"position = [4.37, 3.55, 2.45]": FLAT}, ["source.position = [4.3, 3.5]", "room of 3 lengths"]),
-        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8]\ncell = 0.02"}, ["source.position", "room of 2 lengths"]),
-        ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
-        ({'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""}, ['array.geometry = "circle"', '"ball", "box"']),
-        ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
-        ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four microphones", "not in one plane"]),
-        ({"resolution = 8.1": "resolution = 2.0"}, ["measurement.resolution = 2 Hz", "0.125 s", "use at least 8.1 Hz"]),
-        ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
-    ],
-)
+@pytest.mark.parametrize(("changes", "words"), [
+    ({"[room]": "[room]\ncell = 0.02"}, ["room.cell = 0.02 m has no meaning", "remove it"]),
+    ({"[source]": "[source]\nlow = 20.0"}, ["source.low = 20 Hz has no meaning", "remove it"]),
+    ({"1.6, 1.3]": "1.6, 2.3]"}, ["microphone", "outside the room", "array.center"]),
+    ({"position = [4.37, 3.55, 2.45]": FLAT}, ["source.position = [4.3, 3.5]", "room of 3 lengths"]),
+    ({"[4.6, 3.8, 2.7]": "[4.6, 3.8]\ncell = 0.02"}, ["source.position", "room of 2 lengths"]),
+    ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
+    ({'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""}, ['array.geometry = "circle"', '"ball", "box"']),
+    ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
+    ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four microphones", "not in one plane"]),
+    ({"resolution = 8.1": "resolution = 2.0"}, ["measurement.resolution = 2 Hz", "0.125 s", "use at least 8.1 Hz"]),
+    ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
+])  # fmt: skip
 def test_bad_scene_in_space_names_key_value_and_remedy(boxed, changes, words):
     path = boxed(changes)
     assert_refused(words, lambda: measure(load_scene(path)))
@@ -147,18 +154,11 @@ def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
     refuses(rf"{key} is missing; add it", lambda: load_scene(edited({key: None})))
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("nowhere", r'"nowhere" is unknown.*array1_circle'),
-        ("9" * 5000, r"is unknown|cannot read"),
-        ("gone.toml", "cannot read scene"),
-        ("mine.npz", "is a measurement; give a scene"),
-        ("a\0b.toml", "NUL"),
-        ("text.toml", "not valid TOML"),
-        ("binary.toml", "not valid TOML"),
-    ],
-)
+@pytest.mark.parametrize(("name", "words"), [
+    ("nowhere", r'"nowhere" is unknown.*array1_circle'), ("9" * 5000, r"is unknown|cannot read"),
+    ("gone.toml", "cannot read scene"), ("mine.npz", "is a measurement; give a scene"), ("a\0b.toml", "NUL"),
+    ("text.toml", "not valid TOML"), ("binary.toml", "not valid TOML"),
+])  # fmt: skip
 def test_what_is_no_scene_is_refused_in_one_line(tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.toml").write_bytes(b"room = [")
@@ -200,15 +200,13 @@ def test_the_file_of_a_measured_room_is_beside_the_scene(written_room, tmp_path)
     assert load_scene(written_room('room = "other/hall.mat"')).room.response == str(tmp_path / "other/hall.mat")
 
 
-@pytest.mark.parametrize(
-    ("room", "words"),
-    [
-        ('room = "cellar"', ['room.response = "cellar" is unknown', "listening_lab", ".mat"]),
-        ('[room]\nresponse = "listening_lab"\nwalls = "rigid"', ["room.walls = 'rigid'", "unknown", "remove it"]),
-        ('[room]\nresponse = "listening_lab"\ncell = 0.02', ["room.cell = 0.02", "remove it"]),
-        ('room = "listening_lab"\n[source]\nposition = [1.0, 1.0, 1.0]\nduration = 1.0', ["source", "remove it"]),
-    ],
-)
+@pytest.mark.parametrize(("room", "words"), [
+    ('room = "cellar"', ['room.response = "cellar" is unknown', "listening_lab", ".mat"]),
+    ('[room]\nresponse = "listening_lab"\nwalls = "rigid"', ["room.walls = 'rigid'", "unknown", "remove it"]),
+    ('[room]\nresponse = "listening_lab"\nsize = [3.0, 4.0, 2.5]', ["room.size", "unknown", "remove it"]),
+    ('[room]\nresponse = "listening_lab"\ncell = 0.02', ["room.cell = 0.02", "remove it"]),
+    ('room = "listening_lab"\n[source]\nposition = [1.0, 1.0, 1.0]\nduration = 1.0', ["source", "remove it"]),
+])  # fmt: skip
 def test_walls_or_a_source_in_a_measured_room_are_refused(written_room, room, words):
     assert_refused(words, load_scene, written_room(room))
 

@@ -42,13 +42,10 @@ def refusal(call, *arguments) -> str:
     return line
 
 
-@pytest.mark.parametrize(
-    ("kind", "content", "words"),
-    [
-        *(("TOML", b"a" + text, "TOML") for text in (b" = " + b"[" * DEEP, b" = " + b"{a=" * DEEP, b".a" * DEEP)),
-        *(("JSON", text * DEEP, "JSON: it is nested too deeply") for text in (b"[", b'{"a":')),
-    ],
-)
+@pytest.mark.parametrize(("kind", "content", "words"), [
+    *(("TOML", b"a" + text, "TOML") for text in (b" = " + b"[" * DEEP, b" = " + b"{a=" * DEEP, b".a" * DEEP)),
+    *(("JSON", text * DEEP, "JSON: it is nested too deeply") for text in (b"[", b'{"a":')),
+])  # fmt: skip
 def test_what_is_deeply_nested_is_refused(kind, content, words):
     assert f"f is not valid {words}" in refusal(parse_text, content, kind, "f")
 

@@ -101,16 +101,14 @@ def test_a_file_keeps_them_and_leaves_out_microphones(imported, tmp_path):
     assert np.array_equal(fewer.arrivals, np.delete(times, [0, 4], axis=1), equal_nan=True)
 
 
-@pytest.mark.parametrize(
-    ("given", "key"),
-    [
-        ({"arrivals": np.zeros((1, 3))}, "arrivals"),
-        ({"arrivals": np.full((1, 16), np.inf)}, "arrivals"),
-        ({"arrivals": [["a"] * 16]}, "arrivals"),
-        ({"arrival_sigma": -1e-6}, "arrival_sigma"),
-        ({"arrival_sigma": [1e-6, 1e-6]}, "arrival_sigma"),
-        ({"arrivals": None}, "arrival_sigma"),
-    ],
-)
+TIMES = np.zeros((1, 3)), np.zeros(16), np.full((1, 16), np.inf), np.full((1, 16), 1e9), [["a"] * 16]
+WRONG = [
+    *(({"arrivals": times}, "arrivals") for times in TIMES),
+    *(({"arrival_sigma": sigma}, "arrival_sigma") for sigma in (-1e-6, [1e-6, 1e-6])),
+    ({"arrivals": None}, "arrival_sigma"),
+]
+
+
+@pytest.mark.parametrize(("given", "key"), WRONG)
 def test_wrong_arrivals_are_refused(imported, given, key):
     assert refuses("", replace, imported, **given).key == key

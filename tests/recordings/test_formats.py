@@ -61,14 +61,8 @@ def write_npz(path: Path, samples=SAMPLES) -> Path:
 
 
 CONVENTIONS = {
-    "SingleRoomSRIR": "1.0",
-    "SingleRoomMIMOSRIR": "1.0",
-    "SingleRoomDRIR": "0.3",
-    "MultiSpeakerBRIR": "0.3",
-    "GeneralFIR": "1.0",
-    "GeneralFIR-E": "2.0",
-    "SimpleFreeFieldHRIR": "1.0",
-    "FreeFieldHRIR": "1.0",
+    **dict.fromkeys(("SingleRoomSRIR", "SingleRoomMIMOSRIR", "SimpleFreeFieldHRIR", "FreeFieldHRIR"), "1.0"),
+    **{"GeneralFIR": "1.0", "GeneralFIR-E": "2.0", "SingleRoomDRIR": "0.3", "MultiSpeakerBRIR": "0.3"},
 }
 EMITTERS = ("SingleRoomMIMOSRIR", "MultiSpeakerBRIR", "GeneralFIR-E")  # with an axis of their own
 
@@ -259,6 +253,7 @@ def of_channel(number: int, values):
         ("nothing.wav", lambda path: None, "No such file"),
         ("a.doc", lambda path: path.write_text("x"), "fdcal cannot read the format of"),
         ("a.txt", lambda path: path.write_text("x"), "not a table of samples; give one line for each time"),
+        ("a.csv", lambda path: path.write_text("name,x,y\n0,1,2\n"), "a table of positions; give it as positions"),
         ("a.npy", lambda path: np.save(path, SAMPLES),
          'no sampling rate beside "a" (5 channels, 400 samples); give rate'),
         ("a.npy", lambda path: np.save(path, SAMPLES * 1j), "does not hold an array of real numbers"),
@@ -470,14 +465,10 @@ def test_a_long_recording_is_read_in_blocks(tmp_path, monkeypatch):
         assert np.allclose(read_samples(formats.read(path), 3, 90, [2, 0]), SAMPLES[[2, 0], 3:90])
 
 
-@pytest.mark.parametrize(
-    ("function", "words"),
-    [
-        (os.abort, "crashed, SIGABRT; copy it again"),
-        (signal.pause, "it takes more than 1 s; copy it again"),
-        (too_large, "it takes more than 4 GB of memory; copy it again"),
-    ],
-)
+@pytest.mark.parametrize(("function", "words"), [
+    (os.abort, "crashed, SIGABRT; copy it again"), (signal.pause, "it takes more than 1 s; copy it again"),
+    (too_large, "it takes more than 4 GB of memory; copy it again"),
+])  # fmt: skip
 def test_a_reader_that_crashes_hangs_or_takes_all_memory_ends_in_one_line(function, words, monkeypatch, apart):
     monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[1]), prepend=os.pathsep)
     if function is signal.pause:

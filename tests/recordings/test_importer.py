@@ -234,16 +234,12 @@ def test_subsets_are_taken_also_one_in_a_plane(tmp_path):
     assert exclude_channels(listed, ["1"], [0]).names == ("0", "2")
 
 
-@pytest.mark.parametrize(
-    ("call", "words"),
-    [
-        (lambda r: select_subset(r, "1,18"), "0 to 17"),
-        (lambda r: select_subset(r, "a"), "write subset as 0,3,8:12"),
-        (lambda r: exclude_channels(r, ["18"]), 'no channel "18"'),
-        (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
-        (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),
-    ],
-)
+@pytest.mark.parametrize(("call", "words"), [
+    (lambda r: select_subset(r, "1,18"), "0 to 17"), (lambda r: select_subset(r, "a"), "write subset as 0,3,8:12"),
+    (lambda r: exclude_channels(r, ["18"]), 'no channel "18"'),
+    (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
+    (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),
+])  # fmt: skip
 def test_an_impossible_choice_is_refused(call, words):
     refuses(words, lambda: call(mesh_recording()))
 
@@ -337,20 +333,13 @@ def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_no
     assert refuses("coherent up to", lambda: import_recording(tmp_path / "a.npz", ImportOptions())).key == "frequencies"
 
 
-@pytest.mark.parametrize(
-    ("options", "words", "code"),
-    [
-        (["--frequencies", "low"], "write auto or LO:HI", 2),
-        (["--temperature", "300"], "degrees Celsius", 2),
-        (["--temperature", "20", "--sound-speed", "343"], "are both given", 2),
-        (["--max-rows", "0"], "1 to 2000", 2),
-        (["--subset", "1"], "two microphones", 2),
-        (["--array-radius", "-1"], "above zero", 2),
-        (["--reference", "nothing.wav"], "No such file", 3),
-        (["--known", "0,1"], "contains no positions", 2),
-        (["--source", "1"], "one source only", 2),
-    ],
-)
+@pytest.mark.parametrize(("options", "words", "code"), [
+    (["--frequencies", "low"], "write auto or LO:HI", 2), (["--temperature", "300"], "degrees Celsius", 2),
+    (["--temperature", "20", "--sound-speed", "343"], "are both given", 2), (["--max-rows", "0"], "1 to 2000", 2),
+    (["--subset", "1"], "two microphones", 2), (["--array-radius", "-1"], "above zero", 2),
+    (["--reference", "nothing.wav"], "No such file", 3), (["--known", "0,1"], "contains no positions", 2),
+    (["--source", "1"], "one source only", 2),
+])  # fmt: skip
 def test_an_option_out_of_range_is_refused(options, words, code, folder, refused):
     assert words in refused("import", folder / "responses.wav", "-o", "m.npz", *options, code=code)
 

@@ -156,12 +156,14 @@ def geometry(old: str, new: str) -> str:
         *(("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3") for cell in "1_0 ٣ nan inf 1e400 0x1".split(" ")),
         ("t.csv", "name,x,y\na,1,2\nb,,3\n", "line 3"),
         ("t.csv", "", "must begin with the line name,x,y"),
+        ("t.csv", "name,x,y\na,1\n", "line 2"),
         ("t.csv", "name,x,y\na,1,2\na,3,4\n", "twice"),
         ("t.csv", "name,x,y\na,0,5,0,34\n", "line 2: 'a,0,5,0,34' has more cells than the header; separate cells by"),
         ("t.csv", "0,1,2\n1,2,3\n", "first column may be the numbers of the microphones or x; begin with"),
         ("t.csv", "a,1,2,3,4\n", "has 5 columns and no line that names them"),
         ("t.csv", "name,x,y\n#1,0.1,0.2\n2,0.4,0.5\n", "line 2: is '#1,0.1,0.2' a comment"),
         ("t.csv", "name,channel,x,y\na,1,0,0\nb,0,1,0\n", 'column "channel" of numbers is not understood'),
+        ("t.csv", "name,x,y,nx\na,1,0,0.5\n", 'column "nx" of numbers is not understood'),
         ("t.csv", "name,x (mm),y (cm)\na,1,0\n", "the units in"),
         ("t.csv", "name,x,y,unit\na,1,0,mm\nb,1,0,cm\n", "column of units does not hold one unit"),
         ("t.csv", "name;x;y\na;1,5;2\nb;1.5;2\n", "with a comma and with a point"),
@@ -215,14 +217,11 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
     assert fdcal.Calibration.load(result).verdict == "good"
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
-        (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
-        (lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
-    ],
-)
+@pytest.mark.parametrize(("change", "said"), [
+    (lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
+    (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
+    (lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
+])  # fmt: skip
 def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(tmp_path, capsys, change, said):
     places = change(np.asarray(fdcal.load("tiny").positions))
     positions = write_places(tmp_path / "list.csv", places, [f"M{n:02d}" for n in range(1, 17)])
@@ -243,14 +242,10 @@ def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_
 ROWS = "the list is taken in row order"
 
 
-@pytest.mark.parametrize(
-    ("label", "said"),
-    [
-        ("{}", ""),
-        ("mic{:02d}", f"the names differ: {ROWS}, mic00 = channel 0"),
-        ("1+{}", f"only 15 of 16 names of the list are names of channels: {ROWS}, 1 = channel 0"),
-    ],
-)
+@pytest.mark.parametrize(("label", "said"), [
+    ("{}", ""), ("mic{:02d}", f"the names differ: {ROWS}, mic00 = channel 0"),
+    ("1+{}", f"only 15 of 16 names of the list are names of channels: {ROWS}, 1 = channel 0"),
+])  # fmt: skip
 def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_rows(tmp_path, capsys, label, said):
     names = [str(n + 1) if label == "1+{}" else label.format(n) for n in range(16)]
     positions = write_places(tmp_path / "list.csv", fdcal.load("tiny").positions, names)

@@ -124,14 +124,11 @@ def test_a_take_keeps_an_existing_file_and_what_a_wav_file_cannot_hold_is_refuse
     refuses(r"write long.w64", lambda: take.record_take(take.sound_card(), tmp_path / "long.wav", 200_000))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        ({"channels": 9}, "has 4 inputs, not 9; give fewer channels"),
-        ({"device": "nowhere"}, 'no sound card "nowhere" can record this'),
-        ({"rate": 1e6}, "there is no sound card with inputs .Invalid sample rate"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "problem"), [
+    ({"channels": 9}, "has 4 inputs, not 9; give fewer channels"),
+    ({"device": "nowhere"}, 'no sound card "nowhere" can record this'),
+    ({"rate": 1e6}, "there is no sound card with inputs .Invalid sample rate"),
+])  # fmt: skip
 def test_what_a_card_cannot_do_is_one_line(card, arguments, problem):
     card(noise())
     refuses(problem, take.sound_card, **arguments)

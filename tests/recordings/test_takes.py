@@ -122,21 +122,16 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     assert "16 to 24 s" in import_summary(measurement, report)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["still.wav", "--split", "200ms"], "split = 0.2 s is too short"),
-        (["still.wav", "--split", "20s"], "does not divide"),
-        (["still.wav", "--split", "8"], "a time with its unit"),
-        (["still.wav", "--split", "8s", "--kind", "impulse"], "leave out --split"),
-        (["take0.wav", "take0.wav"], "given twice"),
-        (["take0.wav", "single/mic00.wav", "--takes"], "give takes of one array, or --channels"),
-        (["single/mic00.wav"], "give the files of all channels"),
-        (["take0.wav", "slow.wav"], "convert one of them"),
-        (["single/mic00.wav", "short.wav"], "give channels of one take"),
-        (["left.wav", "right.wav"], "give --channels if several recorders recorded one take"),
-    ],
-)
+@pytest.mark.parametrize(("options", "words"), [
+    (["still.wav", "--split", "200ms"], "split = 0.2 s is too short"),
+    (["still.wav", "--split", "20s"], "does not divide"), (["still.wav", "--split", "8"], "a time with its unit"),
+    (["still.wav", "--split", "8s", "--kind", "impulse"], "leave out --split"),
+    (["take0.wav", "take0.wav"], "given twice"),
+    (["take0.wav", "single/mic00.wav", "--takes"], "give takes of one array, or --channels"),
+    (["single/mic00.wav"], "give the files of all channels"), (["take0.wav", "slow.wav"], "convert one of them"),
+    (["single/mic00.wav", "short.wav"], "give channels of one take"),
+    (["left.wav", "right.wav"], "give --channels if several recorders recorded one take"),
+])  # fmt: skip
 def test_files_that_do_not_fit_are_refused_in_one_line(options, words, folder, tmp_path, refused):
     write(tmp_path / "slow.wav", noisy(responses(1), 50), FS // 2)
     write(tmp_path / "short.wav", noisy(responses(1), 50)[0, :1800])

@@ -30,13 +30,10 @@ def answers(*arguments) -> dict[str, tuple[str, str]]:
     return {one.question: (one.state, one.text) for one in findings}
 
 
-@pytest.mark.parametrize(
-    ("change", "code", "words"),
-    [
-        (lambda x: x, 0, "list         fine"),
-        (lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]], 5, "channels 3 and 12 are swapped"),
-    ],
-)
+@pytest.mark.parametrize(("change", "code", "words"), [
+    (lambda x: x, 0, "list         fine"),
+    (lambda x: x[[0, 1, 2, 12, *range(4, 12), 3, *range(13, 16)]], 5, "channels 3 and 12 are swapped"),
+])  # fmt: skip
 def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, change, code, words):
     ended = exit_code("doctor", "tiny", "--positions", write_places(tmp_path / "list.csv", change(tiny.positions)))
     out = capsys.readouterr().out

@@ -17,16 +17,10 @@ def request_of(text="circle 12 0.3", **others):
     return planning.PlanRequest(planning.read_layout(text), **others)
 
 
-@pytest.mark.parametrize(
-    ("text", "count", "axes"),
-    [
-        ("circle 12 0.3", 12, 2),
-        ("rectangle 4x3 0.6x0.4", 12, 2),
-        ("ball 9 0.3", 9, 3),
-        ("box 9 1x1x0.5", 9, 3),
-        ("tiny", 16, 2),
-    ],
-)
+@pytest.mark.parametrize(("text", "count", "axes"), [
+    ("circle 12 0.3", 12, 2), ("rectangle 4x3 0.6x0.4", 12, 2), ("ball 9 0.3", 9, 3), ("box 9 1x1x0.5", 9, 3),
+    ("tiny", 16, 2),
+])  # fmt: skip
 def test_layouts_in_words_and_scenes(text, count, axes):
     assert planning.read_layout(text).positions.shape == (count, axes)
 
@@ -40,25 +34,23 @@ def test_layouts_from_files(tmp_path):
     assert planning.read_layout(str(geometry)).positions.shape == (2, 3)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "key"),
-    [
-        ({"snr_db": 0.0}, "snr"),
-        ({"reverberation_time": 1e9}, "frequencies"),
-        ({"band": (300.0, 200.0)}, "frequencies"),
-        ({"band": (20.0, 21.0)}, "frequencies"),
-        ({"known": (0, 0)}, "known"),
-        ({"known": tuple(range(12))}, "known"),
-        ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
-        ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
-        ({"kind": "speech"}, "kind"),
-        ({"kind": "impulse"}, "room"),
-        ({"takes": 101}, "takes"),
+WRONG = {
+    "snr": [{"snr_db": 0.0}],
+    "known": [{"known": (0, 0)}, {"known": (99,)}, {"known": tuple(range(12))}],
+    "known_sigma": [{"known": (0, 4, 8), "known_sigma": -1.0}, {"known_sigma": 0.005}],
+    "kind": [{"kind": "speech"}],
+    "takes": [{"takes": 101}],
+    "frequencies": [{"reverberation_time": 1e9}, *({"band": band} for band in ((300, 200), (20, 21), (5000, 6000)))],
+    "room": [
+        {"room": (5.0,)}, {"kind": "impulse"}, {"text": "ball 12 0.3", "room": (5.0, 4.0)},
         # larger than the room: a plane, a ball that has no band either, an array in a plane room
-        ({"text": "rectangle 4x4 3x3", "room": (2.0, 4.0, 2.5)}, "room"),
-        ({"text": "circle 16 0.3", "room": (5.0, 0.7)}, "room"),
+        {"text": "rectangle 4x4 3x3", "room": (2.0, 4.0, 2.5)}, {"text": "ball 16 4", "room": (5.0, 4.0, 2.6)},
+        {"text": "circle 16 0.3", "room": (5.0, 0.7)},
     ],
-)
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("wrong", "key"), [(one, key) for key, several in WRONG.items() for one in several])
 def test_requests_out_of_range(wrong, key):
     assert refuses("", request_of, **wrong).key == key
 
@@ -124,16 +116,10 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
     planning.PlanRequest(layout, room=(4.0, 0.7, 2.5))
 
 
-@pytest.mark.parametrize(
-    ("text", "others", "counted"),
-    [
-        ("circle 8 0.1", {"room": (5.0, 4.0, 2.6)}, True),
-        ("ball 16 0.3", {}, True),
-        ("ball 16 0.6", {}, False),
-        ("ball 33 0.3", {}, False),
-        ("circle 8 0.1", {"room": (5.0, 4.0)}, False),
-    ],
-)
+@pytest.mark.parametrize(("text", "others", "counted"), [
+    ("circle 8 0.1", {"room": (5.0, 4.0, 2.6)}, True), ("ball 16 0.3", {}, True), ("ball 16 0.6", {}, False),
+    ("ball 33 0.3", {}, False), ("circle 8 0.1", {"room": (5.0, 4.0)}, False),
+])  # fmt: skip
 def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, counted):
     plan = planning.make_plan(request_of(text, **others))
     assert any("short windows included" in line for line in planning.plan_lines(plan)) == counted
@@ -231,3 +217,15 @@ def test_the_advice_follows_from_the_table(text, others):
                     takes, ratio = (int(number), ratio) if "places" in part else (takes, number)
                 row, column = plan.takes.index(takes), [f"{x:g}" for x in plan.snr_db].index(f"{ratio:g}")
                 assert reached[row, column], "what is advised is in the table"
+
+
+def test_the_words_have_the_numbers_of_the_plan():
+    plan = planning.make_plan(request_of("ball 12 0.3", takes=3))
+    lines, low, rms, high = planning.plan_lines(plan), plan.forecast.low, plan.forecast.rms, plan.forecast.high
+    assert low < rms < high and plan.expected[2, 0] == rms
+    in_mm = lambda values: [f"{1e3 * value:.3g} mm" for value in values]  # noqa: E731
+    error = "expected error: {1} rms, {0} to {2} in 8 of 10 recordings; short windows".format(*in_mm((low, rms, high)))
+    assert lines[2].startswith(error) and lines[0].endswith("the source at 3 places, recorded equally long from each")
+    cells = zip((1, 2, 3, 4, 8), map(in_mm, plan.expected), strict=True)
+    rows = [f"{takes} place{'s' * (takes > 1)} {' '.join(row)}" for takes, row in cells]
+    assert [" ".join(line.split()) for line in lines[-7:-1]] == ["30 dB 33 dB 36 dB 40 dB", *rows]

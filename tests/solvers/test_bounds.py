@@ -37,15 +37,12 @@ def inputs_of(measurement: Measurement, **others) -> CalibrationInput:
     return CalibrationInput("test", None, measurement, settings, 0, **others)
 
 
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({"noise_power": np.full(16, 35.0)}, r"noise_power is .* decibels"),
-        ({"noise_power": np.where(np.arange(16) == 3, 300.0, 1e-3)}, r"at 220 Hz.*leave that frequency out"),
-        ({"wavenumbers": 1e12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
-        ({"wavenumbers": 1e-12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
-    ],
-)
+@pytest.mark.parametrize(("values", "words"), [
+    ({"noise_power": np.full(16, 35.0)}, r"noise_power is .* decibels"),
+    ({"noise_power": np.where(np.arange(16) == 3, 300.0, 1e-3)}, r"at 220 Hz.*leave that frequency out"),
+    ({"wavenumbers": 1e12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
+    ({"wavenumbers": 1e-12 * np.linspace(0.5, 1, 16)}, r"wavenumbers\[0\].*correct them"),
+])  # fmt: skip
 def test_numbers_that_no_measurement_has_are_refused(values, words):
     refuses(words, diffuse, **values)
 
@@ -99,15 +96,10 @@ def looks_at_the_deadline(stepping, state):
         check_deadline()
 
 
-@pytest.mark.parametrize(
-    ("step", "limit", "end", "moved"),
-    [
-        (takes_a_second, 1.0, 2.0, 2),
-        (takes_a_second, 4.5, 5.0, 5),
-        (takes_a_second, None, 46.0, 46),
-        (looks_at_the_deadline, 40.0, 41.0, 0),
-    ],
-)
+@pytest.mark.parametrize(("step", "limit", "end", "moved"), [
+    (takes_a_second, 1.0, 2.0, 2), (takes_a_second, 4.5, 5.0, 5), (takes_a_second, None, 46.0, 46),
+    (looks_at_the_deadline, 40.0, 41.0, 0),
+])  # fmt: skip
 def test_the_limit_is_kept_to_a_step_or_trial_and_the_last_state_is_the_answer(monkeypatch, step, limit, end, moved):
     """It holds without being asked for, whatever the solver."""
     stepping = Stepping(step)

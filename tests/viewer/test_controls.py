@@ -15,6 +15,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
+from fdcal.viewer.explore import NEEDED, NEW_RUN
 from fdcal.viewer.panels import KEYS, Panels, Tabs, add_keys, help_html
 from fdcal.viewer.state import Binding, PageState
 from fdcal.viewer.tabs import map
@@ -299,8 +300,23 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and "log-likelihood" in label())
     set_by_client(viewer.tabs.map.quantity, EQ7)
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
+    picture = viewer.snapshot.picture
+    bar = dataclasses.replace(picture.bar, low=picture.bar.high - 0.9)  # dB
+    level = dataclasses.replace(picture, floor=dataclasses.replace(picture.floor, bar=bar))
+    assert "almost level" in viewer._hint(level) and "Where the map is dark" in viewer._hint(picture)
     set_by_client(viewer.tabs.run_bar.run, True)
     turn_until(lambda: label() and "log-likelihood" in label())
+
+
+def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny_page):
+    page, turn_until = tiny_page
+    bar, run = page.panels.overlay._regions["bar"], page.viewer.run
+    turn_until(lambda: bar.content.count(f"title='{NEW_RUN}'") == 1)
+    page.viewer.tabs.solver.name.options = ("robust",)
+    turn_until(lambda: "One at a time (not for this array)" in bar.content)
+    blind = dataclasses.replace(run.problem, known=[], known_positions=run.problem.known_positions[:0])
+    page.viewer.run = dataclasses.replace(run, problem=blind)
+    turn_until(lambda: f"One at a time ({NEEDED})" in bar.content)
 
 
 def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):

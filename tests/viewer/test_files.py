@@ -113,6 +113,13 @@ def drawn(snapshot, threads):
     return first(CostMapWorker(snapshot.run, threads), map_request_of(snapshot), True)
 
 
+def test_the_caption_counts_the_modes_in_use_that_the_map_leaves_out(snapshot, drawn):
+    state = drawn.request.state
+    request = dataclasses.replace(drawn.request, order_offset=0, custom_modes=False, modes=(1, 2, 3))
+    said = caption(snapshot.run, dataclasses.replace(drawn, request=request))
+    assert f"3 of the {state.last - state.first + 1} modes that the solver uses" in said
+
+
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
     monkeypatch.setattr(exports, "call", libraries.call)  # that of the tests, which starts no process
     state, measurement = snapshot.view.state, snapshot.run.measurement

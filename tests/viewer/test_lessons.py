@@ -56,17 +56,10 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
     )  # fmt: skip
     apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted=False)
     assert calls == [
-        ("use_modes", 1, 9, False),
-        ("step", 2, "sweep"),
-        ("map.pick", 3),
-        ("map.follow_solver", False),
-        ("map.show_as", "relief"),
-        ("map.choose_modes", (2, 4)),
-        ("choose", ("log", False)),
-        ("choose", ("trails", True)),
-        ("choose", ("ellipses", False)),
-        ("view", "3d"),
-    ]
+        ("use_modes", 1, 9, False), ("step", 2, "sweep"), ("map.pick", 3), ("map.follow_solver", False),
+        ("map.show_as", "relief"), ("map.choose_modes", (2, 4)), ("choose", ("log", False)),
+        ("choose", ("trails", True)), ("choose", ("ellipses", False)), ("view", "3d"),
+    ]  # fmt: skip
 
 
 def test_values_left_out_stay(controls):

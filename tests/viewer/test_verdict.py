@@ -16,7 +16,7 @@ import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.assessment.words import cost_words
+from fdcal.assessment.words import cost_words, state_error_words
 from fdcal.graphics.lesson_panels import channel_table, lesson_panel
 from fdcal.session.calibration_run import solve
 from fdcal.session.scene_edits import edited
@@ -157,6 +157,7 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     for text in ("Paused", "step 7, sweep 1", "modes 1 to 3, 100 to 180 Hz", "5 mm", "Eq. 7"):
         assert text in html
     assert cost_words(-41.237, measurement).startswith("-41.2 dB") and "unknown" in cost_words(np.nan, measurement)
+    assert state_error_words(measurement, np.array([8e-6])) == "less than 0.01 mm off"
     assert "Running" in words.status(view_of([state], running=True), measurement)
     assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
     evil = "<script>alert(1)</script>"
