@@ -139,7 +139,7 @@ def test_app_py_opens_the_page(monkeypatch, capsys):
 def test_a_plan_is_printed(capsys):
     assert exit_code("plan", "circle 8 0.2", "--known", "0,3,6") == 0
     printed = capsys.readouterr().out
-    assert "Cramer-Rao" in printed and "places of the source" in printed
+    assert "Cramer-Rao" in printed and "number of source positions" in printed
 
 
 def test_port_in_use_exits_2(refused):
