@@ -81,7 +81,7 @@ def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.nda
     from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
 
     distance = distances(placed, others)
-    beyond = np.maximum(distance - tolerance, 0.0)  # this part has a small weight
+    beyond = np.maximum(distance - tolerance, 0.0)  # with a small weight, to prefer closer points
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 

@@ -47,7 +47,7 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     return compare_positions(positions, listed, inputs.given)
 
 
-UNITS_APART = 2.0  # ratio of sizes from which a list counts as one in another unit, with any verdict
+UNITS_APART = 2.0  # a list whose size differs by at least this factor counts as one in another unit
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:

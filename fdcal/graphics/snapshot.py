@@ -28,7 +28,7 @@ from .primitives import ColourBar, Label, Picture, by_rank, fractions
 
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
 VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install -U fdcal"
-MISFIT = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # of libraries that do not fit
+MISMATCHED = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # errors of libraries
 TIMEOUT = 120.0  # s
 
 
@@ -37,7 +37,7 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
     try:
         return call(drawn_png, picture, tuple(size), view, seconds=TIMEOUT)
     except ProcessError as error:
-        remedy = VERSIONS if MISFIT.match(str(error)) and "shared object" not in str(error) else REMEDY
+        remedy = VERSIONS if MISMATCHED.match(str(error)) and "shared object" not in str(error) else REMEDY
         raise StorageError(f"the picture could not be drawn ({error}); {remedy}") from error
 
 
@@ -52,7 +52,7 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     import pyvista
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
-    if picture.surfaces:  # VTK sorts no translucent surfaces with the other kind of anti-aliasing
+    if picture.surfaces:  # VTK does not sort translucent surfaces with the other kind of anti-aliasing
         plotter.enable_anti_aliasing("ssaa")
         plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
     else:

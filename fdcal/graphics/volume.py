@@ -68,7 +68,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
 
 MAX_LEVELS = 3  # isosurfaces; more of them hide each other
 LARGEST, SMALLEST = 0.06, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
-BEYOND = 1e3  # by how much the cost is higher beyond the lattice
+BEYOND = 1e3  # added to the cost beyond the lattice, so that surfaces are closed at its edge
 OPACITY = (0.14, 0.6)  # of the outermost and of the innermost isosurface
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.6  # brightness of a surface that faces away from the light
@@ -94,7 +94,7 @@ class Volume:
 
 
 def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
-    """Return round levels of cost, dB, ascending, each of which encloses a part that can be seen through."""
+    """Return round levels of cost, dB, ascending, whose surfaces enclose neither too much nor too little to be seen."""
     low, middle = float(decibels.min()), float(np.quantile(decibels, LARGEST))
     for count in (MAX_LEVELS, 6, 10, 20):
         levels = [v for v in round_ticks(low, middle, count) if SMALLEST < np.mean(decibels < v) <= LARGEST]

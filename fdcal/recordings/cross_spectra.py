@@ -119,7 +119,7 @@ def stationary_pressures(
     window = 2 * recording.sample_rate / length
     spacing = room_spacing(powers, window)
     power = powers.mean(axis=0)
-    spare = max(20, min(2 * max_rows, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
+    spare = max(20, min(2 * max_rows, SEGMENTS.max_matrix // recording.count**2))  # some will be too noisy
     chosen = choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
@@ -148,7 +148,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows:
     used = used[np.argsort(seen[used], kind="stable")]
     wanted = max(1, int(max_rows * len(used) / len(keep)))
     kept = used[spread_over_band(seen[used], band, wanted, apart)]
-    while counts[kept].sum() > max_rows and len(kept) > 1:  # few frequencies with many rows
+    while counts[kept].sum() > max_rows and len(kept) > 1:  # the frequencies may have several rows each
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]
     return chosen[np.lexsort((np.arange(len(chosen)), seen[row[chosen]]))][:max_rows]

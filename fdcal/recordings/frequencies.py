@@ -85,7 +85,7 @@ class NothingAboveNoise(InputError):
 def choose_frequencies(
     frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, max_rows: int = ROWS.max_rows
 ) -> np.ndarray:
-    """Return the indices of the frequencies to use: in each of equal parts of the band the one nearest to its middle.
+    """Return the indices of the frequencies to use: the one nearest to the middle of each of equal parts of the band.
 
     `frequencies` (B,), Hz, evenly spaced and finer than the `resolution`, the least distance of two; `power`, `noise`
     (B,), mean over the microphones, the noise 0 where it is unknown. Raises NothingAboveNoise.
@@ -114,7 +114,7 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
     firsts = order[np.unique(part[order], return_index=True)[1]]
     kept = []
     for n in firsts.tolist():
-        if not kept or frequencies[n] - frequencies[kept[-1]] >= 0.75 * apart:  # samples do not lie on the middles
+        if not kept or frequencies[n] - frequencies[kept[-1]] >= 0.75 * apart:  # the grid does not contain the middles
             kept.append(n)
     return np.array(kept, np.int64)
 

@@ -63,7 +63,7 @@ def plain(value: Any) -> Any:
     return [plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value
 
 
-FINEST = 1.5  # factor of the size of the array from which the lattice of the search domain becomes coarser
+FINEST = 1.5  # an array enlarged by this factor or more gets a coarser lattice
 
 
 @dataclass(frozen=True)

@@ -367,7 +367,7 @@ class Tabs:
         found: list[Any] = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
         for kind in sorted(found, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)):
             with panels.tabs[kind.where]:
-                binding.folders.append(folder := panels.gui.add_folder(None))  # not visible, as it has no label
+                binding.folders.append(folder := panels.gui.add_folder(None))  # a folder without a label is not visible
                 with folder:
                     self.parts.append(kind(binding))
                     setattr(self, kind.part, self.parts[-1])

@@ -177,7 +177,7 @@ class Preparation:
         except Exception as error:
             self.error = None if isinstance(error, Cancelled) else error
         self.compiling, self.done = False, True
-        if self._cancelled:  # perhaps after the last check
+        if self._cancelled:  # the request may have been cancelled after the last check
             self.cancel()
 
     def _prepared(self) -> PreparedRun:

@@ -54,7 +54,7 @@ VERDICT_DELAY = 0.3  # s without a change before the verdict is computed
 
 
 class VerdictWorker:
-    """Has the end of a run assessed on a thread of the session."""
+    """Assesses the end of a run on a thread of the session."""
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._state, self._since = run, None, 0.0

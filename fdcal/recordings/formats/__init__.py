@@ -70,7 +70,7 @@ def sound_files(path: str | Path) -> list[Path]:
     # Hidden files are ignored: a Mac adds a file "._NAME" to each file on a disk of another system.
     files = (one for one in path.iterdir() if not one.name.startswith(".") and one.is_file())
     found = [one for one in files if one.suffix.lower() in sound]
-    # By the stem: a track without a number, as of Audacity, stands before "Audio Track-2".
+    # Sort by the stem, so that Audacity's "Audio Track" precedes "Audio Track-2".
     return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.stem)])
 
 

@@ -42,7 +42,7 @@ class Patched(io.FileIO):
         super().__init__(path)
         self._changes = changes
 
-    def __del__(self) -> None:  # soundfile closes no file that it has not opened
+    def __del__(self) -> None:  # soundfile does not close a file that it has not opened
         self.close()
 
     def readinto(self, buffer: Any) -> int:

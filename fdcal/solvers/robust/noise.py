@@ -122,7 +122,7 @@ def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) 
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
 
 
-FILTER_NATS = 3.0  # evidence, nats, from which the filters of all channels are sought
+FILTER_NATS = 3.0  # least evidence, nats, for seeking the filters of all channels
 
 
 def with_filters(problem: Problem, state: State) -> State:

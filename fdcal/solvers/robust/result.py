@@ -45,7 +45,7 @@ def result(problem: Problem, state: State) -> Estimate:
     noise_power = claim.objective.field.noise
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
     usual = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
-    # whether given positions fix the frame: not if all are less accurate than expected
+    # Given positions fix the frame unless they are less accurate than expected.
     framed = bool(len(problem.known)) and model.known_sigma <= given.INACCURATE * usual
     tried = tuple(TriedOptimum(one.positions, one.score, framed and given.same_given(state, one)) for one in ended)
     if model.window_positions is not None:  # the short windows determine the array

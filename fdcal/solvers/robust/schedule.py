@@ -70,7 +70,7 @@ def likeliest(state: State) -> LocalOptimum:
 
 
 def refined(problem: Problem, state: State) -> State:
-    """Return the beginning of a round of the last stage, with new noise and directions; filters are sought again."""
+    """Return the beginning of a round of the last stage: estimate noise and directions, and seek filters again."""
     begun = begin_stage(problem, noise.with_noise(problem, replace(state, shape=state.positions), rough=False), FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)

@@ -133,7 +133,7 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
 
 
 def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
-    """Projection (N D, N D) that removes rigid motions: into the frame of the array, or with no motion on average."""
+    """Return the projection (N D, N D) that removes rigid motions: by the frame or, without one, orthogonally."""
     size = positions.size
     if len(problem.known):
         return np.eye(size)
@@ -146,7 +146,7 @@ def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
 
 
 def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
-    """Linear functions of the positions (F, N D) that the frame fixes: the first microphone, then directions across."""
+    """Return the linear functions of the positions that the frame fixes, as rows (F, N D)."""
     N, D = positions.shape
     first = positions[frame.microphones[0]]
     axes = np.linalg.qr((positions[frame.microphones[1:]] - first).T)[0]

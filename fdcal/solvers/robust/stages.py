@@ -1,4 +1,4 @@
-"""The parts that the search for starts and the schedule share: the beginning of a stage, and one step."""
+"""The beginning of a stage and one step, which both the search for starts and the schedule use."""
 
 from dataclasses import replace
 
