@@ -198,7 +198,9 @@ def _least_certain(seen: Judged) -> str:
 
 def _in_doubt(seen: Judged) -> str:
     """Return the words for the positions that decide between the array and its rival."""
-    return _positions_of(seen, np.where(seen.rival >= seen.rival.max() / 2, seen.rival, 0.0))
+    away = np.array(seen.rival)
+    away[seen.estimate.problem.known] = 0.0
+    return _positions_of(seen, np.where(away >= away.max() / 2, away, 0.0))
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
