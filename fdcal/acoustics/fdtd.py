@@ -161,7 +161,7 @@ Progress = Callable[[float], None]
 
 REPORTS = 50  # number of calls of `progress` in a run
 CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C: a few hundredths of a second
-MAX_SAMPLES = 500_000_000  # of all recordings together, 4 GB
+MAX_SAMPLES = 500_000_000  # largest number of samples of all recordings together, 4 GB
 TAPS = 3.3  # length of a Hamming-windowed filter times its transition width over fs
 
 

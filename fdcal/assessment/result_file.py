@@ -36,7 +36,7 @@ Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
 # Shapes stand last in an annotation: N microphones, D coordinates.
 OfEachMicrophone = Annotated[Vector, "N"]
 ABSENT: Any = None  # the default of a key that a file need not have; null in a file is refused
-VERSION = 1  # of a result file
+VERSION = 1  # version of a result file
 
 
 class GivenRow(msgspec.Struct, forbid_unknown_fields=True):

@@ -30,7 +30,7 @@ from ..session.sources import CalibrationInput, with_settings
 from ..solvers.interface import RunState
 from .options import scene_of
 
-MAX_BYTES = 1_000_000  # of one replay
+MAX_BYTES = 1_000_000  # largest size of one replay
 TITLE = "Microphone positions from the resonances of a room"
 INTRODUCTION = (
     "fdcal finds where the microphones of an array are, from what they record of a reverberant room. Each picture opens"

@@ -23,7 +23,7 @@ from ..recordings.recording import ImportOptions
 from ..session import session_file, sources
 from ..solvers import names
 
-MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
+MIN_PIXELS, MAX_PIXELS = 64, 8192  # limits for one side of a picture
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
 NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 

@@ -23,7 +23,7 @@ from ..model.settings import Search
 from ..model.validation import Integers, Reals, frozen_array
 from .scale import DEPTH, OUTSIDE, on_scale
 
-STRIDE = 0.7  # of a path, in steps of the lattice
+STRIDE = 0.7  # length of a step of a path, in steps of the lattice
 
 
 def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:

@@ -31,7 +31,7 @@ from .primitives import COLOUR_MAP, fractions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MAX_TICKS = 6  # of a colour bar
+MAX_TICKS = 6  # largest number of ticks of a colour bar
 TITLE_PAD = 12.0  # points: a mark at the edge of a map does not reach its title
 
 
@@ -112,7 +112,7 @@ def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, 
     return figure_bytes(draw_landscape(panels, **drawn), file_format)
 
 
-SIDES = 60  # of the polygon that is drawn for an ellipse
+SIDES = 60  # number of sides of the polygon that is drawn for an ellipse
 MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map, because there are many
 
 

@@ -135,7 +135,7 @@ def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
 # Why one wave does not determine a position: a microphone measures one value of a standing wave, and all positions with
 # this value lie on a line. The lines of two waves cross at a few points, and all lines have only the true position in
 # common.
-WAVE_POINTS = 300  # of the map of a wave, along its longer edge
+WAVE_POINTS = 300  # number of points of the map of a wave along its longer edge
 MAX_WAVES = 3  # whose lines are drawn
 COUNTED = {2: "both frequencies", 3: "all three frequencies"}
 

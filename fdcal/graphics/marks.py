@@ -25,7 +25,7 @@ TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255,
 LOWEST = (255, 132, 0)
 TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
 POINTED = (0, 130, 100)
-SAME = (0, 0, 0), (0, 130, 60), (140, 0, 140)  # of lines of equal pressure
+SAME = (0, 0, 0), (0, 130, 60), (140, 0, 140)  # colours of lines of equal pressure
 LOW_COST = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 CIRCLE_SIDES = 24
 Curve = tuple[tuple[float, float], ...]
@@ -35,7 +35,7 @@ Curve = tuple[tuple[float, float], ...]
 class Mark:
     """One kind of mark."""
 
-    name: str  # of the part of a picture that it is
+    name: str  # name of the part of a picture that the mark shows
     text: str  # what it stands for, in the legend; "" for one that the legend leaves out
     shape: str  # of its symbol, as `paths` has it
     colour: Colour
@@ -221,7 +221,7 @@ def true_microphones(
 
 
 FINER = 4  # times finer than the image, for smooth edges
-EDGE = 18  # of the drawing of a symbol as SVG
+EDGE = 18  # width and height of the drawing of a symbol as SVG
 
 
 def symbol(mark: Mark, edge: int) -> Image.Image:

@@ -327,7 +327,7 @@ ERROR_PIECES = 40  # of an error line on a relief; a straight line would go thro
 
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
-ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
+ELLIPSE_SIDES = 36  # number of sides of the polygon that is drawn for an ellipse
 NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
 SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
 VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
@@ -418,9 +418,9 @@ def with_volume(picture: Picture, volume: "Volume | None") -> Picture:
     return replace(picture, captions=(*picture.captions, ("isosurfaces", volume.text)), surfaces=(volume.surface,))
 
 
-BALL_RADIUS = MARKS["microphones/ball"].reach  # of the ball, in radii of a marker
+BALL_RADIUS = MARKS["microphones/ball"].reach  # radius of the ball, in radii of a marker
 BALL_SIDES = 20  # around the ball
-BALL_BRIGHT: Colour = (236, 74, 88)  # of its side that faces the light
+BALL_BRIGHT: Colour = (236, 74, 88)  # colour of the side of the ball that faces the light
 WHITE: Colour = (255, 255, 255)
 # Colour, radius, and distance of the middle towards the light, in radii of the ball.
 BALL_PARTS = (

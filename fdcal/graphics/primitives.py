@@ -26,8 +26,8 @@ class Theme:
     """Colours that depend on the background."""
 
     background: Colour
-    foreground: Colour  # of texts, rulers and walls
-    grid: Colour  # of the grid on the floor
+    foreground: Colour  # colour of texts, rulers and walls
+    grid: Colour  # colour of the grid on the floor
     text: float = 1.0  # size of the texts, 1 for the usual one
     marks: float = 1.0  # size of the marks, likewise
 
@@ -48,7 +48,7 @@ def fractions(colour: Colour) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-COLOUR_MAP = "viridis"  # of matplotlib.colormaps, for costs
+COLOUR_MAP = "viridis"  # name of the map for costs, in matplotlib.colormaps
 DIVERGING_COLOUR_MAP = "RdBu_r"  # likewise, for fields of both signs
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BAR_LENGTH = 44  # characters that fit along a colour bar
@@ -62,7 +62,7 @@ class ColourBar:
     low: float
     high: float
     label: str  # name and unit
-    colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
+    colour_map: str = COLOUR_MAP  # name of a map in matplotlib.colormaps
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
@@ -159,7 +159,7 @@ class Floor:
     size: tuple[float, float]
     bar: ColourBar
     lowest: tuple[tuple[float, float], ...]  # positions of the lowest cost and of minima that fit as well, metres
-    height: float = 0.0  # of the map, metres
+    height: float = 0.0  # metres, height of the map
     minima: tuple[tuple[float, float], ...] = ()  # positions of the other local minima, metres
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one

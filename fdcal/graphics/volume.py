@@ -81,8 +81,8 @@ class Volume:
     """The cost of one microphone in space."""
 
     surface: Surface | None  # of all isosurfaces; None where there are none
-    bar: ColourBar  # of isosurfaces and layer
-    levels: tuple[float, ...] = ()  # of the isosurfaces, dB, ascending
+    bar: ColourBar  # colour bar of isosurfaces and layer
+    levels: tuple[float, ...] = ()  # dB, levels of the isosurfaces, ascending
     minima: Minima | None = None  # to be marked, or None
 
     @property

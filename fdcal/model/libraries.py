@@ -93,9 +93,9 @@ def call(
     return result
 
 
-PROCESSOR_SECONDS = 60  # for one call
+PROCESSOR_SECONDS = 60  # processor time for one call
 SECONDS = 600.0  # of wall-clock time for one call: a disk on a network may be slow
-BYTES = 4_000_000_000  # of address space of the process
+BYTES = 4_000_000_000  # largest address space of the process
 
 
 def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:

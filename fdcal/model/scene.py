@@ -170,7 +170,7 @@ class Source:
     low: Hertz | None = None
     high: Hertz | None = None
     sample_rate: Hertz | None = None  # fs; 28590 unless given. None with three coordinates
-    duration: Seconds = 4.0  # of the recording of each take
+    duration: Seconds = 4.0  # length of the recording of each take
     positions: tuple[Point, ...] = ()  # one for each take, metres; () if `position` is given
 
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
@@ -354,7 +354,7 @@ class Array:
     geometry: str  # one of NEEDS, which lists the keys that each of them takes
     center: Point | None = None  # centre, metres; the origin unless given
     count: Count | None = None  # microphones on a circle, or in a ball or box
-    radius: Metres | None = None  # of a circle or ball, metres
+    radius: Metres | None = None  # metres, radius of a circle or ball
     shape: tuple[Count, ...] | None = None  # microphones along x and y of a rectangle or plane
     size: tuple[Metres, ...] | None = None  # outer lengths of a rectangle, plane or box, metres
     random: Whole = 0  # additional random microphones inside `size` ("rectangle+random")
@@ -433,7 +433,7 @@ class Gauge:
         return tuple(n for n in range(count) if (n in named) == (self.free is None))
 
 
-KEYS = ("name", "title", "measurement", "remark")  # of the file of a scene that is a measurement
+KEYS = ("name", "title", "measurement", "remark")  # keys of the file of a scene that is a measurement
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ class SegmentSettings:
     # min_duration, max_duration: of a segment, seconds
     min_duration: float = 0.5
     max_duration: float = 8.0
-    max_samples: int = 20_000_000  # of all channels in one segment
+    max_samples: int = 20_000_000  # largest number of samples of all channels in one segment
     max_matrix: int = 10_000_000  # numbers in all cross-spectral matrices together
     max_count: int = 600  # segments read from a long recording, at even distances
     # independent segments per segment: Hann's windows that overlap by half are nearly independent

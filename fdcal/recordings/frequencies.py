@@ -120,7 +120,7 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
 
 
 # Frequencies at which the coherence of a recording is computed
-COHERENCE_COUNT = 300  # in equal ratios
+COHERENCE_COUNT = 300  # number of frequencies, in equal ratios
 COHERENCE_RANGE = 40.0  # decibels below the strongest frequency
 COHERENCE_SAMPLES = 2**27  # of all channels; the coherence of a longer recording is not computed
 

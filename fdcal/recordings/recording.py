@@ -24,14 +24,14 @@ KINDS = get_args(Kind)
 CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"}  # in messages
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
-BLOCK_SAMPLES = GROUP_SAMPLES // 4  # of a block of all channels
+BLOCK_SAMPLES = GROUP_SAMPLES // 4  # number of samples of a block of all channels
 RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
 
 
 Band = tuple[float, float]  # lowest and highest frequency, Hz
 Noise = Callable[[np.ndarray], np.ndarray]  # power of the noise in one sample of the transform, over frequency
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
-MIN_SAMPLES = 16  # of a channel
+MIN_SAMPLES = 16  # least number of samples of a channel
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ WINDOW = 0.03  # seconds
 MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # microphones, up to which an array is tested for being flat
 SKIP = 0.02  # seconds after the direct sound
-MAX_WINDOWS = 400  # of all takes together
+MAX_WINDOWS = 400  # largest number of windows of all takes together
 # Groups of all takes together, and number of microphones above which there are fewer: the time for a group grows with
 # the square of this number
 MAX_GROUPS, MANY = 120, 32

@@ -21,7 +21,7 @@ from .channels import ChannelHealth, ChannelWatch
 from .formats.sound import open_for_writing, require_whole_rate
 from .recording import MIN_SAMPLES, ranges, read_samples, select_channels
 
-SUFFIXES = (".wav", ".w64")  # of files that a take is written to
+SUFFIXES = (".wav", ".w64")  # endings of files that a take is written to
 WAV_BYTES = 4e9  # that a WAV file can hold
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
@@ -35,7 +35,7 @@ Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost
 class SoundStream:
     """Sound of N channels that arrives in blocks."""
 
-    name: str  # of the sound card or the file
+    name: str  # name of the sound card or the file
     sample_rate: float  # Hz
     names: tuple[str, ...]  # (N,) of the channels
     full_scale: float | None  # greatest value that a sample can take

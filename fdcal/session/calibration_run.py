@@ -243,7 +243,7 @@ def with_needed_domain(inputs: CalibrationInput) -> CalibrationInput:
     return replace(inputs, measurement=with_estimated_domain(inputs.measurement, settings, inputs.seed))
 
 
-DOMAIN_SECONDS = 20.0  # of processor time for the estimate
+DOMAIN_SECONDS = 20.0  # processor time for the estimate
 
 
 def with_estimated_domain(

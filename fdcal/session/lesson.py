@@ -28,8 +28,8 @@ from .scene_edits import edited
 Scale = Literal["log", "linear"]
 Quantity = Literal["eq7", "objective"]
 Panel = Literal["none", "distance", "prediction", "channels"]
-MAX_ORDER_OFFSET = 4  # of a map
-MAX_CHOICES = 6  # of one question
+MAX_ORDER_OFFSET = 4  # largest number added to the order of a map (Eq. 3)
+MAX_CHOICES = 6  # largest number of choices of one question
 MAX_MODE = 9999  # highest number of a mode, counted from 1
 FILE_BYTES = 1_000_000  # size of a lesson
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
@@ -157,7 +157,7 @@ class LessonProgress:
     """Where in the lessons the page is."""
 
     lesson: Lesson | None = None
-    number: int = 0  # of the step, from 0
+    number: int = 0  # number of the step, from 0
     choice: int = -1  # the answer chosen, from 0; -1 before one is chosen
 
     @property

@@ -52,7 +52,7 @@ EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0
 class Layout:
     """The microphones of a plan."""
 
-    name: str  # of the file or scene, or the words
+    name: str  # name of the file or scene, or the words
     names: tuple[str, ...]  # (N,) tuple of str
     positions: np.ndarray  # (N, D) float64, metres; D is 2 for a plane array, whose coordinates are in its plane
     scene: Scene | None = None
@@ -123,8 +123,8 @@ class PlanLimits:
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
     # centre of an array whose own coordinates do not lie inside the room, relative to the room's lengths
     centre: tuple[float, float, float] = (0.43, 0.46, 0.45)
-    max_microphones: int = 300  # of a plan
-    max_takes: int = 100  # of a plan
+    max_microphones: int = 300  # largest number in a plan
+    max_takes: int = 100  # largest number in a plan
     max_snr_db: float = 120.0  # dB
     wide: float = 5.0  # metres; the message for a wider array that is refused asks whether positions are in metres
 
@@ -132,7 +132,7 @@ class PlanLimits:
 PLAN_LIMITS = PlanLimits()
 
 
-MIN_FREQUENCIES = 3  # of a calibration
+MIN_FREQUENCIES = 3  # least number that a calibration needs
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,8 @@ class PlanRequest:
     # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
     room: tuple[Metres, ...] | None = None
     reverberation_time: Seconds = 0.5
-    snr_db: Annotated[float, within(0.1, PLAN_LIMITS.max_snr_db, "dB")] = 30.0  # of each frequency
+    # signal-to-noise ratio of each frequency
+    snr_db: Annotated[float, within(0.1, PLAN_LIMITS.max_snr_db, "dB")] = 30.0
     # (2,) tuple of float, Hz; the default is 20 Hz to 0.7 times what the array can interpolate (Eq. 9). No frequency
     # above what the array can interpolate is used
     band: tuple[float, float] | None = None
@@ -154,7 +155,7 @@ class PlanRequest:
     gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # the RMS error that is wanted
-    seed: Seed = 0  # of the positions of the source
+    seed: Seed = 0  # seed of the positions of the source
     # number of source positions, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count

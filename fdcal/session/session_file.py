@@ -108,7 +108,7 @@ def kept_states(run, index: int | None) -> list[int]:
     return sorted({*evenly_spaced(len(run), max_count - 1).tolist(), len(run) - 1 if index is None else index})
 
 
-LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
+LARGEST_COUNT = 10**9  # largest number of steps, sweeps and the like
 OTHER_VERSION = "open the file with the version of fdcal that wrote it"
 NOT_FINITE = "the run has reached numbers that are not finite", "rewind the run before you save it"
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold

@@ -33,7 +33,7 @@ ProgressReport = Callable[[float, str], None]  # gets the fraction done, 0 to 1,
 class CalibrationInput:
     """A measurement and how to calibrate it."""
 
-    name: str  # of the scene or the file
+    name: str  # name of the scene or the file
     scene: Scene | None  # None if the measurement was read from a file, also by a measured scene
     measurement: Measurement  # without the `excluded` microphones
     settings: SolverSettings

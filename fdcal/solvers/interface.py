@@ -130,7 +130,7 @@ class Estimate:
     """The result of a solver that minimises the likelihood, or is judged by it."""
 
     problem: Problem  # with modes of unit power
-    modes: slice  # of the modes in use
+    modes: slice  # the modes in use
     positions: Reals  # (N, D) float64, metres
     converged: bool  # whether the solver ended at a minimum
     # channels, field, spread, given: as of their classes
@@ -158,7 +158,7 @@ class RunState:
 
     positions: Reals  # (N, D) float64, metres, read-only
     settings: SolverSettings
-    seed: int  # of all random numbers that the solver draws
+    seed: int  # seed of all random numbers that the solver draws
     # step, sweep, stage: steps taken, sweeps completed, stages completed
     step: int = 0
     sweep: int = 0
@@ -168,7 +168,7 @@ class RunState:
     first: int = 1
     last: int
     automatic: bool = True  # whether the solver adds modes and begins other stages by itself
-    cost: float = 0.0  # of the modes in use; the solver defines it
+    cost: float = 0.0  # cost of the modes in use; the solver defines it
     finished: bool = False  # whether nothing is left to do
     converged: bool = False  # whether it finished because no microphone moved, not because the steps were used up
 

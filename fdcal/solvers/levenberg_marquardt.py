@@ -34,7 +34,7 @@ class DampedStep(Generic[Unknowns]):
     unknowns: Unknowns  # unchanged if no step lowers the cost
     cost: float
     decrease: float  # of the cost
-    damping: float  # of the next step
+    damping: float  # damping of the next step
     moved: float  # metres, greatest change of a coordinate; 0 without a step
 
 

@@ -56,7 +56,7 @@ class Start:
     """How one start is computed."""
 
     kind: str  # "affine", "coherence" or "random"
-    number: int  # of the modes used, or of a random start
+    number: int  # number of the modes used, or of a random start
     lowest: int  # number of the lowest modes to which it is fitted first
     given: bool = False  # whether given positions determine it
 
@@ -230,7 +230,7 @@ NEIGHBOURS = 10  # number of nearest microphones of each that are connected when
 REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
 FAR_WEIGHT = 0.1
 SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array get less weight
-ITERATIONS = 30  # of majorisation in a round
+ITERATIONS = 30  # number of iterations of majorisation in a round
 MAX_RADIUS = 2.5  # distance from the middle, over its median, beyond which a microphone is moved to the middle
 
 

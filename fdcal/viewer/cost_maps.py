@@ -162,7 +162,7 @@ class CostMap:
 
     request: CostMapRequest
     floor: Floor | None
-    minima: Minima | None  # of the map; None of the shape of a mode
+    minima: Minima | None  # minima of the map; None for the shape of a mode
     cost_here: float  # cost at the estimated position of the microphone
     lowest: float  # lowest cost of the map
     fine: bool = False  # whether its lattice is finer than the solver's
@@ -205,9 +205,9 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     return CostMap(request, replace(floor, show_minima=style.minima), *figures, base=base, highest=highest)
 
 
-COARSE_POINTS = 26  # along the longest edge
-COARSE_NEGLIGIBLE = 1e-3  # of the nodes of a coarse volume
-COARSE_PIXELS = 80  # of a layer, along its longer edge
+COARSE_POINTS = 26  # points of a coarse volume along its longest edge
+COARSE_NEGLIGIBLE = 1e-3  # coefficients below this are omitted in a coarse volume
+COARSE_PIXELS = 80  # pixels of a layer along its longer edge
 
 
 # While the solver runs, it needs the processor, too:

@@ -40,7 +40,7 @@ from .state import Binding
 HANDLE_RADIUS = 1.7  # in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
 FIXED = 0.9  # of microphones that cannot be dragged, so that a finger more easily hits one that can
-BALL = 1.6  # of the ball, which users drag most
+BALL = 1.6  # factor for the ball, which users drag most
 SPECK = 1e-3  # of handles too small for a pointer: those in the corners of the search domain, and all at first
 HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
 

@@ -41,8 +41,8 @@ from .state import PICTURE, VIEWS, Binding
 from .tabs.lessons import LessonsTab
 from .tabs.view import KINDS
 
-MAX_BYTES = 500_000_000  # of all files that a page accepts
-MAX_FILES, MAX_NAME = 1000, 100  # of one request, and characters of a name
+MAX_BYTES = 500_000_000  # largest size of all files that a page accepts
+MAX_FILES, MAX_NAME = 1000, 100  # largest number of files of one request, and of characters of a name
 NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
 RECORDING, LIST = "recording", "positions"  # purpose of a file, as the fields of the form are called
 SOURCES = "auto", "impulse", "stationary"

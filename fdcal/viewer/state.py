@@ -60,7 +60,7 @@ class Choices(MapStyle):
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
     export_view: str = "top"  # view of a picture to save, a value of VIEWS
     export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
-    seed: int = 0  # of the solver's next start
+    seed: int = 0  # seed of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
     # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
     verdict: bool = True
@@ -141,7 +141,7 @@ class PageState:
     reason: str = ""  # why there is no map; "" if it is not ready yet
     picture: Any = None  # Picture, on the screen
     fault: str = ""  # an exception of the page, as text
-    found: Assessment | None = None  # of the state, once the solver has finished
+    found: Assessment | None = None  # assessment of the state, once the solver has finished
     # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; None where `found` has none
     axes: np.ndarray | None = None
     assessing: bool = False  # whether an assessment is expected

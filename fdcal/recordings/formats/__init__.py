@@ -36,7 +36,7 @@ class Format:
     # reads a file: path, number of the source (from 0; None is the first), sampling rate, Hz, of a file without one
     read: Read | None = None
     write: Callable[[Path, MicrophonePositions], None] | None = None  # writes positions to a file
-    source_count: Callable[[Path], int] | None = None  # of a format that may hold several sources
+    source_count: Callable[[Path], int] | None = None  # number of sources in a file of a format that may hold several
     recognises: Callable[[Path], bool] = lambda path: False  # where the suffix does not identify the format
 
 

@@ -31,7 +31,7 @@ from ...model.validation import InputError, StorageError, naming, require_point,
 from . import Format
 from .sofa import from_spherical, placed_receivers
 
-MAX_BYTES = 10_000_000  # of a file of positions
+MAX_BYTES = 10_000_000  # largest size of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
 LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
 STILL_M = 1e-3  # metres, up to which an array counts as one that does not move
@@ -59,7 +59,8 @@ UNITS = {
     **dict.fromkeys(("in", "inch", "inches"), 1 / 0.0254),
     **dict.fromkeys(("ft", "foot", "feet"), 1 / 0.3048),
 }
-IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", re.IGNORECASE)  # of a comment
+# the unit in a comment of a file
+IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", re.IGNORECASE)
 
 log = logging.getLogger(__name__)
 

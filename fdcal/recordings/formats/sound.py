@@ -159,7 +159,7 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
     return Recording(str(path), None, float(hertz), channels, samples, block, full_scale=1.0 if whole else None)
 
 
-SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # of files that can hold 32-bit floats
+SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # endings of files that can hold 32-bit floats
 
 
 def require_whole_rate(rate: float) -> None:

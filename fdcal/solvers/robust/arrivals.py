@@ -75,7 +75,7 @@ class Arrivals:
     # sigma, stated: (T,) float64, metres, one sigma of an arrival, as assumed and as the measurement states
     sigma: Reals
     stated: Reals
-    dimension: int  # of the space of the sources
+    dimension: int  # dimension of the space of the sources
     # where the fit of the sources begins, as found for similar positions; None for a search, which is far slower
     start: TakeSources | None = None
 

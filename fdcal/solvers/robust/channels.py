@@ -99,7 +99,7 @@ def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
     return float(cost[best] + price), best, value[best], cut
 
 
-CANDIDATES = 1500  # at most, to save memory
+CANDIDATES = 1500  # largest number of places, to save memory
 
 
 def _lattice(x: Reals, spacing: float) -> np.ndarray:

@@ -133,8 +133,8 @@ class Evaluation:
     # gradient, matrix: (F,) and (F, F) float64, matrix by Gauss-Newton; both empty where only the cost was asked for
     gradient: np.ndarray
     matrix: np.ndarray
-    terms: Terms  # of the likelihood alone
-    source: TakeSources | None = None  # of the arrivals; None without arrivals
+    terms: Terms  # terms of the likelihood alone
+    source: TakeSources | None = None  # sources of the arrivals; None without arrivals
 
 
 @dataclass(frozen=True)
@@ -432,7 +432,7 @@ class ChannelStep:
     unknowns: Unknowns
     cost: float  # infinite where a covariance is singular
     decrease: float  # of the cost
-    damping: float  # of the next step
+    damping: float  # damping of the next step
     moved: float  # metres, greatest change of a coordinate
     free: np.ndarray  # see `Objective.free`
     terms: Terms | None = None  # None where a covariance is singular

@@ -47,9 +47,9 @@ class Claim:
     """The objective at the end of a run, and the covariance that follows from it."""
 
     objective: Objective
-    evaluated: Evaluation  # of the objective at the final unknowns
+    evaluated: Evaluation  # the objective at the final unknowns
     weakened: Evaluation  # of the objective with a more powerful field, at the same unknowns
-    likely: Quadratic  # of the weakened objective
+    likely: Quadratic  # quadratic of the weakened objective
     spread: PositionSpread
     excess: float  # claimed variance over that of the likelihood, at least 1
 

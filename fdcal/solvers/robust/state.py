@@ -39,7 +39,7 @@ DIRECTION_UPDATES = 2
 # than 1e-8 the covariance of a measurement without noise depends on the frame.
 MIN_NOISE_FRACTION = {"isotropic": 1e-6, "others": 1e-8}
 
-STAGE_DAMPING = 1e-6  # of the first step of a stage
+STAGE_DAMPING = 1e-6  # damping of the first step of a stage
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class StageProgress:
     stage: int  # index into STAGES
     rounds: int  # rounds of this stage that are complete
     steps: int  # steps taken in this round; starts tried, in the search
-    damping: float  # of the next step
+    damping: float  # damping of the next step
 
     def __post_init__(self):
         if not 0 <= self.stage < len(STAGES):  # as in an edited session file
@@ -153,7 +153,7 @@ class State(RunState):
     shape: Reals
     # arrays found so far or, after the search, those still to be refined, the likeliest first; None before the search
     starts: tuple[FittedStart, ...] | None
-    optima: tuple[LocalOptimum, ...]  # of the restarts so far
+    optima: tuple[LocalOptimum, ...]  # the optima that the restarts have reached so far
 
     @property
     def restart(self) -> int:

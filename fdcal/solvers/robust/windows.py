@@ -54,7 +54,7 @@ DECREASE, LAST_DECREASE = 10.0, 0.05
 # sought to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
 # second of a circle of 8 brings 30, and the error stays
 WAVE_NATS = 50.0
-MAX_WAVES = 10  # of a take
+MAX_WAVES = 10  # largest number of waves of a take
 ROUNDS = 2  # iterations of the dispersion lambda
 # nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43,
 # upright panels by up to 126. If the source is near the middle of a room, one microphone of a ball of 32 can stand at

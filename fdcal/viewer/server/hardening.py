@@ -334,8 +334,8 @@ class SafeMessageBuffer(AsyncMessageBuffer):
         event.own = self.event_loop
 
 
-LEVEL = 1  # of compression, 0 to 9
-QUALITY = 75  # of a JPEG image unless given
+LEVEL = 1  # level of compression, 0 to 9
+QUALITY = 75  # quality of a JPEG image unless given
 
 
 def encoded(

@@ -97,7 +97,7 @@ def log_location() -> str:
     return "the terminal's log"
 
 
-M_ARENA_MAX = -8  # of glibc's malloc.h
+M_ARENA_MAX = -8  # parameter of mallopt, in glibc's malloc.h
 
 
 def share_one_heap() -> None:

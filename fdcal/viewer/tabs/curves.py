@@ -99,7 +99,7 @@ def dots(size: float, stroke: str, fill: str) -> Any:
     return {"show": True, "size": size, "width": 1.5, "stroke": stroke, "fill": fill}
 
 
-MAX_POINTS = 600  # of a plot, all of which are sent each time
+MAX_POINTS = 600  # largest number of points of a plot, all of which are sent each time
 ZERO = 1e-9  # mm, drawn below the axis in place of an error of zero, which has no logarithm
 
 
@@ -115,7 +115,7 @@ class CurvesTab(Tab):
         self._sought = sought  # microphones whose errors are averaged
         self._states: list[Any] = []  # the states of `_rows`
         self._rows: list[tuple] = []  # sweeps, mean error, largest error
-        self._decades = range(0)  # of the errors of this run so far
+        self._decades = range(0)  # decades of the errors of this run so far
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = (

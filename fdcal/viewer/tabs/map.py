@@ -207,7 +207,7 @@ class SweepTab(Tab):
         self.made: Sweep | None = None
         self.playing: Playback | None = None
         self._wanted: CostMapRequest | None = None  # request of the last sweep
-        self._revision = -1  # of the state whose maps are wanted
+        self._revision = -1  # revision of the state whose maps are wanted
         self._curve, self._drawn = Memo(), Memo()
         self._last: CostMap | None = None  # the map that was shown last
         self._alone, self._label = False, f"Add {row}s one by one"
@@ -390,7 +390,7 @@ class SweepTab(Tab):
         self._binding.call(go)
 
 
-GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the spectrum, and of the area below it
+GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # colours of the spectrum, and of the area below it
 MAX_POINTS = 700  # of the spectrum, all of which are sent each time
 ABOVE, BELOW = 6.0, 8.0  # dB from the strongest peak to the top of the plot, and from the weakest to the bottom
 MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one

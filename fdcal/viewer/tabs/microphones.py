@@ -15,7 +15,7 @@ from ...session.worker import Memo
 from ..html import CARD
 from ..state import Binding, PageState, Tab
 
-MAX_ROWS = 100  # of a table
+MAX_ROWS = 100  # largest number of rows of a table
 GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
 SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
 

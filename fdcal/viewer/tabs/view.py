@@ -123,7 +123,7 @@ def _replay(snapshot: PageState) -> bytes:
 class Kind:
     """A kind of file."""
 
-    ending: str  # of the file's name
+    ending: str  # end of the file's name
     description: str  # in a sentence
     make: Callable[[PageState], bytes]  # returns the content of the file
     slow: bool = False  # whether that takes seconds
