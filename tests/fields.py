@@ -14,9 +14,8 @@ def rigid_room(points, source, wavenumbers, size=(6.0, 5.0), terms=200):
     (width, depth), n = size, np.arange(terms)
     x, y = np.asarray(points).T
     low, high = np.minimum(y, source[1])[:, None], np.maximum(y, source[1])[:, None]
-    shape = (
-        np.where(n == 0, 1, 2) / width * np.cos(n * np.pi * source[0] / width) * np.cos(n * np.pi * x[:, None] / width)
-    )
+    shape = np.cos(n * np.pi * source[0] / width) * np.cos(n * np.pi * x[:, None] / width)
+    shape *= np.where(n == 0, 1, 2) / width
     fields = []
     for k in wavenumbers:
         g = np.sqrt((n * np.pi / width) ** 2 - k**2 + 0j)
@@ -50,16 +49,22 @@ def measured(positions, known, highest=300.0, snr_db=np.inf, seed=0, search=None
     wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
     pressures = rigid_room(positions, source, wavenumbers)
     pressures, noise = with_noise(pressures, snr_db, np.random.default_rng(seed))
-    return Measurement(
-        frequencies=frequencies,
-        pressures=pressures,
-        sound_speed=343.0,
-        wavenumbers=wavenumbers,
-        positions=positions,
-        known=known,
-        noise_power=noise if np.isfinite(snr_db) else None,
-        search=search or Search((2.01, 1.71), (1.2, 1.2), 0.04, 0.8),
-    )
+    reported, search = noise if np.isfinite(snr_db) else None, search or Search((2.01, 1.71), (1.2, 1.2), 0.04, 0.8)
+    places = {"positions": positions, "known": known, "search": search}
+    return Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers, noise_power=reported, **places)
+
+
+def placed(positions, search=None, known=()):
+    """A measurement of one frequency, for tests of pictures that show where the microphones are."""
+    p, dimension = np.exp(1j * np.sum(positions, axis=1))[None], np.shape(positions)[1]
+    return Measurement([100.0], p, 343.0, dimension, positions=positions, known=known, search=search)
+
+
+def jittered_grid():
+    """Positions (25, 2), metres, near the points of a grid of 1 m by 1 m in the room of `measured`."""
+    x, y = np.meshgrid(*[np.linspace(-0.5, 0.5, 5)] * 2, indexing="ij")
+    grid = np.stack([x.ravel(), y.ravel()], axis=1) + [2.6, 2.3]
+    return grid + np.random.default_rng(0).normal(scale=0.03, size=grid.shape)
 
 
 def plane_wave(points, k, angle):

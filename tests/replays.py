@@ -4,9 +4,15 @@ import base64
 import json
 import zlib
 from contextlib import contextmanager
+from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import islice
 
 import numpy as np
+
+from fdcal import solvers
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.model.scene import load_scene
 
 
 class Reader(HTMLParser):
@@ -28,6 +34,15 @@ class Reader(HTMLParser):
     def handle_data(self, text):
         if self._open:
             self.texts[self._open] = self.texts.get(self._open, "") + text
+
+
+def descent_on_tiny(count):
+    """Scene `tiny`, its measurement and problem, and the first states of descent."""
+    scene = load_scene("tiny")
+    measurement = cached_measurement(scene)
+    problem = measurement.problem(scene.solver.weights)
+    settings = replace(solvers.with_mode_count(problem, scene.solver), name="descent")
+    return scene, measurement, problem, list(islice(solvers.run(problem, settings, 0), count))
 
 
 def unpacked(data):

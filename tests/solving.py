@@ -55,8 +55,9 @@ def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
     return Solved(problem, state, estimate, assess(estimate))
 
 
-def estimated_at(measurement, positions, modes: int | None = None, **settings) -> Estimate:
-    """What a solver reports of an end at `positions`, whoever found them."""
+def estimated_at(measurement, positions=None, modes: int | None = None, **settings) -> Estimate:
+    """What a solver reports of an end at `positions`, the true ones unless given, whoever found them."""
+    positions = measurement.positions if positions is None else positions
     chosen, used = SolverSettings(name="descent", **settings), slice(0, modes or len(measurement.frequencies))
     return estimate_at(measurement.problem("unit", "all"), chosen, positions, used, True)
 
@@ -75,15 +76,17 @@ def run_from(solver, problem, state) -> list:
     return states
 
 
-def same_state(one, other, but=()) -> bool:
-    """Whether two states, or parts of them, are equal to the last bit, whatever their class."""
+def same(one, other, but=()) -> bool:
+    """Whether two states, or parts of them, agree to the last bit, and in type."""
+    if type(one) is not type(other):
+        return isinstance(one, (int, float)) and not isinstance(one, bool) and float(one) == float(other)
     if isinstance(one, np.ndarray):
-        return np.array_equal(one, other)
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
     if isinstance(one, tuple):
-        return len(one) == len(other) and all(map(same_state, one, other))
+        return len(one) == len(other) and all(map(same, one, other))
     if is_dataclass(one):
         names = [field.name for field in fields(one) if field.name not in but]
-        return all(same_state(getattr(one, name), getattr(other, name)) for name in names)
+        return all(same(getattr(one, name), getattr(other, name)) for name in names)
     return one == other
 
 

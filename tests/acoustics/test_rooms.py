@@ -1,6 +1,5 @@
 """The field of a box-shaped room in closed form."""
 
-import dataclasses
 import math
 import time
 from dataclasses import replace
@@ -118,7 +117,7 @@ def test_unresolved_lines_and_sums_that_do_not_converge_are_refused():
     with pytest.raises(InputError, match=r"too close to microphone 1 .*move it"):
         point_source_pressures(ROOMS["rigid"], SOURCE, [PLACES[0], SOURCE + 1e-3], K)
     with pytest.raises(InputError, match=r"room\.admittance is too high"):
-        point_source_pressures(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
+        point_source_pressures(replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
 
 
 @pytest.fixture

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import solving
-from fields import measured, with_noise
+from fields import jittered_grid, measured, with_noise
 from scipy.stats import kstest
-from solving import estimated_at, run_from
+from solving import estimated_at as at
+from solving import run_from
 from test_faulty_channels import KNOWN, MODES, array
 
 from fdcal.acoustics.dictionary import array_f_max
@@ -24,19 +25,11 @@ from fdcal.model.measurement import Measurement
 from fdcal.solvers import robust
 from fdcal.solvers.interface import Estimate, TriedOptimum
 
-GRID = np.linspace(-0.5, 0.5, 5)
-TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
-TRUTH += np.random.default_rng(0).normal(scale=0.03, size=TRUTH.shape)
-CORNERS, HIGHEST = [0, 4, 22], 230.0
+TRUTH, CORNERS, HIGHEST = jittered_grid(), [0, 4, 22], 230.0
 
 
 def room(known=CORNERS, snr_db=30.0, seed=0, **kind) -> Measurement:
     return measured(TRUTH, np.array(known, int), highest=HIGHEST, snr_db=snr_db, seed=seed, **kind)
-
-
-def at(measurement: Measurement, positions=TRUTH, modes: int | None = None) -> Estimate:
-    """What descent would report if it had ended at `positions`."""
-    return estimated_at(measurement, positions, modes)
 
 
 @pytest.fixture(scope="module")
@@ -153,11 +146,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("model_mismatch", "free of noise", lambda e: with_given_noise(with_share(e, 0.01), 0.0)),
     ("sound_speed", "would be 403 m/s, not 343 m/s", lambda e: replace(e, log_speed=0.16)),
     ("scale_undetermined", "its size is hardly determined", lambda e: with_stretching(e, 0.2)),
-    (
-        "ambiguous",
-        "mirror image of the array fits the given positions as well",
-        lambda e: replace(e, given=replace(e.given, mirror_advantage=1.0)),
-    ),
+    ("ambiguous", "mirror image of the array fits", lambda e: replace(e, given=replace(e.given, mirror_advantage=1.0))),
     ("ambiguous", "explains the pressures as well", lambda e: with_tried(e, 1.0)),
     ("ambiguous", "may stand elsewhere", lambda e: with_share(with_channel_noise(e, 1, 5.0), 5e-4)),
     ("ambiguous", "the positions are uncertain by", lambda e: with_newton(e, 1e3)),
@@ -344,9 +333,7 @@ def test_given_positions_that_the_solver_did_not_get_check_the_array(blind):
         few = dict(list(unused.items())[:1])
         assert assess(blind, names, unused=few).verdict == "good", "one position checks nothing"
         flat = replace(blind, given=replace(blind.given, carry_scale=True))
-        assert assess(flat, names, unused=unused).verdict == "scale_undetermined", (
-            "whose size the pressures do not show"
-        )
+        assert assess(flat, names, unused=unused).verdict == "scale_undetermined", "the pressures show no size"
 
 
 def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind):
@@ -389,9 +376,8 @@ def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_
     for ratio, sigma, possible in ((1.04, 0.0, True), (1.06, 0.0, False), (1.06, 0.01, True), (1.16, 1.0, False)):
         found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)
         assert (assess(found).verdict == "good") == possible, ratio
-    assert (
-        assess(estimate, scale=1.2).verdict == "sound_speed" and "distance given" in assess(estimate, scale=1.2).message
-    )
+    found = assess(estimate, scale=1.2)
+    assert found.verdict == "sound_speed" and "distance given" in found.message
 
 
 def test_a_given_distance_stretches_positions_sigma_and_sound_speed_alike(estimate):
@@ -408,9 +394,8 @@ def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
     weighted, precision = np.array(terms.weighted), np.array(terms.precision)
     weighted[:, n] *= 100.0
     precision[:, n] *= 3.0
-    spoilt = replace(
-        estimate, field=replace(estimate.field, terms=replace(terms, weighted=weighted, precision=precision))
-    )
+    terms = replace(terms, weighted=weighted, precision=precision)
+    spoilt = replace(estimate, field=replace(estimate.field, terms=terms))
     faulty = {n: ChannelFault("", "noisy", 20.0, "dB")}
     names = [""] * len(estimate.positions)
     figures = [judged(one, names, faulty=faulty).residual_to_noise for one in (estimate, spoilt)]
@@ -495,9 +480,7 @@ def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
     waves = np.exp(-1j * k[:, None, None] * np.einsum("mda,na->mdn", directions[..., :2], TRUTH))
     pressures = ((rng.normal(size=(count, 1, 60)) + 1j * rng.normal(size=(count, 1, 60))) @ waves)[:, 0]
     pressures, noise = with_noise(pressures, 40, rng)
-    blind = Measurement(
-        k * 343 / (2 * np.pi), pressures, 343.0, dimension=3, array_dimension=2, noise_power=noise
-    )  # fmt: skip
+    blind = Measurement(k * 343 / (2 * np.pi), pressures, 343.0, 3, 2, noise_power=noise, positions=TRUTH)
     for known, code in (([], "scale_undetermined"), (CORNERS, "good")):
         found = assess(at(replace(blind, known=known, known_positions=TRUTH[known])))
         assert found.verdict == code, found.message
@@ -520,10 +503,8 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
     assert len(rows) == 4
     for row in rows:
         finding, seen = replace(row, applies=lambda *_: True, words=lambda _: "uncertain"), judged(estimate, names)
-        few, every = (
-            first_finding(replace(seen, estimate=replace(estimate, modes=m)), [finding])[1]
-            for m in (slice(0, 5), slice(None))
-        )
+        of_modes = (replace(seen, estimate=replace(estimate, modes=m)) for m in (slice(0, 5), slice(None)))
+        few, every = (first_finding(one, [finding])[1] for one in of_modes)
         assert few == every.replace("uncertain; ", "uncertain; use <modes> 10, or ")
         asked = [int(n) for n in re.findall(r"\d+", every.partition("of microphones")[2].partition("(<known>)")[0])]
         others = np.setdiff1d(np.arange(len(sigma)), [*known, *asked])

@@ -17,7 +17,7 @@ from fdcal.assessment.channels import exchanged_back, faulty_channels
 from fdcal.assessment.uncertainty import covariance_of
 from fdcal.assessment.words import faults_text
 from fdcal.model.measurement import Measurement
-from fdcal.solvers.interface import GivenHypothesis
+from fdcal.solvers.interface import Estimate, GivenHypothesis
 
 COUNT, MODES, KNOWN, FAULTY = 20, 32, [0, 5, 11, 17], 7
 NAMES = [str(n) for n in range(COUNT)]
@@ -42,6 +42,11 @@ def healthy():
 @pytest.fixture(scope="module")
 def estimate(healthy):
     return solved(healthy).estimate
+
+
+def with_noise_of(estimate: Estimate, channel: int, noise: float) -> Estimate:
+    noises = np.where(np.arange(COUNT) == channel, noise, estimate.channels.noise)
+    return replace(estimate, channels=replace(estimate.channels, noise=noises))
 
 
 def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
@@ -129,22 +134,15 @@ def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_pr
         delayed = np.array(terms.corrected)
         delayed[:, FAULTY] *= np.exp(-2j * np.pi * f * delay)
         weighted = terms.weighted + (delayed - terms.corrected) * terms.precision  # the prediction by the others stays
-        noise = np.array(estimate.channels.noise)
-        noise[FAULTY] = 1e4
-        late = replace(
-            estimate,
-            channels=replace(estimate.channels, noise=noise),
-            field=replace(estimate.field, terms=replace(terms, corrected=delayed, weighted=weighted)),
-        )
+        field = replace(estimate.field, terms=replace(terms, corrected=delayed, weighted=weighted))
+        late = replace(with_noise_of(estimate, FAULTY, 1e4), field=field)
         ((n, one),) = faulty_channels(late, covariance_of(late), NAMES).items()
         assert (n, one.kind) == (FAULTY, "delayed") and one.value == pytest.approx(delay, abs=2e-5)
 
 
 def test_noise_of_a_channel_whose_exact_position_is_wrong_is_no_fault_of_the_channel(estimate):
     """The solver of exact given positions puts the error of one into the noise of its channel."""
-    noise = np.array(estimate.channels.noise)
-    noise[KNOWN[1]] = 100.0
-    noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
+    noisy = with_noise_of(estimate, KNOWN[1], 100.0)
     wrong, positions = np.arange(len(KNOWN)) == 1, np.array(estimate.positions)
     positions[KNOWN[1]] += 0.03, 0.04
     ones = np.ones(len(KNOWN))
@@ -156,9 +154,7 @@ def test_noise_of_a_channel_whose_exact_position_is_wrong_is_no_fault_of_the_cha
 
 
 def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
-    noise = np.array(estimate.channels.noise)
-    noise[FAULTY] = 100.0
-    noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
+    noisy = with_noise_of(estimate, FAULTY, 100.0)
     low = replace(noisy, field=replace(estimate.field, noise_fraction=1e-8))
     covariance = np.array(covariance_of(noisy))
     assert list(faulty_channels(noisy, covariance, NAMES)) == [FAULTY]

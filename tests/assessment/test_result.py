@@ -166,13 +166,8 @@ FOUR_POSITIONS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.2, 0.2], [1
 
 def result(D: int = 3, **changes) -> Calibration:
     covariance = np.array([0, 1e-6, 4e-6, 1e-6])[:, None, None] * np.eye(D)
-    values = {
-        "known": ("a",),
-        "verdict": "good",
-        "verdict_text": "1 < 2",
-        "covariance": covariance,
-        "uncertainty": np.sqrt(np.trace(covariance, axis1=1, axis2=2)),
-    }
+    values = {"known": ("a",), "verdict": "good", "verdict_text": "1 < 2"}
+    values |= {"covariance": covariance, "uncertainty": np.sqrt(np.trace(covariance, axis1=1, axis2=2))}
     return Calibration(FOUR_POSITIONS[:, :D], NAMES, "joint", 0, [50.0, 70.0], 0.1, 3, 1.5, True, **values | changes)
 
 
@@ -255,9 +250,8 @@ def scattered(seed: int, dimension: int, count: int = 20) -> np.ndarray:
     rng = np.random.default_rng(seed)
     axes = np.meshgrid(*[np.arange(5)] * dimension)
     cells = np.stack([a.ravel() for a in axes], axis=1)[rng.permutation(5**dimension)[:count]]
-    return (0.2 * cells + rng.uniform(-0.05, 0.05, (count, dimension))) @ turn(seed, dimension) + rng.normal(
-        size=dimension
-    )
+    places = 0.2 * cells + rng.uniform(-0.05, 0.05, (count, dimension))
+    return places @ turn(seed, dimension) + rng.normal(size=dimension)
 
 
 def turn(seed: int, dimension: int) -> np.ndarray:
@@ -277,7 +271,7 @@ def test_a_result_is_placed_in_its_frame():
 def test_an_export_keeps_what_exists_and_refuses_other_suffixes_and_frames(tmp_path):
     result().export(tmp_path / "p.csv")
     for name, frame, words in (
-        ("p.csv", None, "exists"), ("p.doc", None, "no file"), ("p", None, "no file"),
+        ("p.csv", None, "exists"), ("p.doc", None, "not a file of"), ("p", None, "not a file of"),
         ("q.csv", "upside down", "frame"),
     ):  # fmt: skip
         refuses(words, result().export, tmp_path / name, frame=frame)

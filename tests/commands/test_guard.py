@@ -54,9 +54,8 @@ def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
     assert ended("scenes") == code
     out, errors = capsys.readouterr()
     assert out == "" and errors.strip().startswith("error: ")
-    assert ("report" in errors and "--debug" in errors) == isinstance(
-        error, (RecursionError, ValueError, ArithmeticError)
-    )
+    fault = isinstance(error, (RecursionError, ValueError, ArithmeticError))
+    assert ("report" in errors and "--debug" in errors) == fault
     assert words in errors and errors.strip().count("\n") == 0 and len(errors) < 1000
 
 
@@ -72,9 +71,8 @@ def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
         "@cli.commands.command('slow')\ndef slow():\n    import slow\n"
         "from fdcal.__main__ import main\nmain()\n"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", script, "slow"], cwd=tmp_path, capture_output=True, text=True, timeout=60
-    )
+    command = [sys.executable, "-c", script, "slow"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert (run.returncode, run.stderr) == (130, "error: interrupted; nothing is left half-written\n")
 
 
@@ -95,9 +93,8 @@ def test_closed_streams_are_no_fault(tmp_path):
         for number in (0, 1, 2):
             os.close(number)
 
-    run = subprocess.run(
-        [*FDCAL, "simulate", "tiny", "-o", "tiny.npz"], preexec_fn=close, cwd=tmp_path, timeout=120, capture_output=True
-    )
+    command = [*FDCAL, "simulate", "tiny", "-o", "tiny.npz"]
+    run = subprocess.run(command, preexec_fn=close, cwd=tmp_path, timeout=120, capture_output=True)
     assert run.returncode == 0
     assert (tmp_path / "tiny.npz").read_bytes()[:2] == b"PK"
 

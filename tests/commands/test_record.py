@@ -77,9 +77,8 @@ def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch
 
 def test_a_signal_that_is_ignored_ends_no_take(folder, tmp_path, monkeypatch):
     replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup starts a program
-    monkeypatch.setattr(
-        take, "replayed", lambda path, channels: replayed(path, channels, lambda _: signal.raise_signal(signal.SIGHUP))
-    )
+    hung_up = lambda _: signal.raise_signal(signal.SIGHUP)  # noqa: E731
+    monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, hung_up))
     try:
         exit_code("record", "-o", tmp_path / "take1.wav", "--replay", folder / "one.wav", "--seconds", 1)
     finally:
@@ -95,11 +94,9 @@ def test_silent_clipped_and_duplicated_channels_are_named_while_the_take_lasts(f
     soundfile.write(tmp_path / "bad.wav", sound, FS, subtype="PCM_24")
     assert exit_code("record", "-o", tmp_path / "take1.wav", "--replay", tmp_path / "bad.wav") == 4
     lines = capsys.readouterr().out.splitlines()
-    assert lines[:3] == [
-        "after 1.0 s: channel 1 is silent",
-        "after 1.0 s: channel 4 is a copy of 2",
-        "after 2.1 s: channel 3 is clipped",
-    ]
+    early, late = ("1 is silent", "4 is a copy of 2"), ("3 is clipped",)
+    named = [f"after {at} s: channel {fault}" for at, faults in ((1.0, early), (2.1, late)) for fault in faults]
+    assert lines[:3] == named
     assert "channel 1: silent; channel 3: clipped; channel 4: a copy of 2" in lines[3]
     assert lines[4].startswith("result  none: ") and "3 microphones" in lines[4]
 

@@ -2,17 +2,14 @@
 
 import numpy as np
 import pytest
-from fields import measured
+from fields import jittered_grid, measured
 from running import exit_code
 
 from fdcal.model.measurement import save_measurement
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
-GRID = np.linspace(-0.5, 0.5, 5)
-TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
-TRUTH += np.random.default_rng(0).normal(scale=0.03, size=TRUTH.shape)
-KNOWN = [0, 4, 22]
+TRUTH, KNOWN = jittered_grid(), [0, 4, 22]
 
 
 @pytest.fixture

@@ -68,9 +68,8 @@ def test_known_weight_multiplies_the_squared_residual_of_the_known_microphones(k
     n, m = 7, 3
     W = fourier_bessel(GUESS, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
     rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
-    fit = eq7.leave_one_out_fits(
-        [W], PROBLEM.pressures[m : m + 1], n, weights=eq7.known_weights(PROBLEM, known_weight)
-    )[0]
+    held = eq7.known_weights(PROBLEM, known_weight)
+    (fit,) = eq7.leave_one_out_fits([W], PROBLEM.pressures[m : m + 1], n, weights=held)
     weights = np.ones(len(GUESS))
     weights[[0, 1, 2]] = known_weight
     expected = []
@@ -112,9 +111,8 @@ def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimensio
 def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(dimension, D):
     problem = replace(PLANE, dimension=dimension, array_dimension=D)
     count = eq7.functions(problem, int(eq7.carried_modes(problem, 0).orders[-1]))
-    exactly, more = (
-        eq7.carried_modes(replace(problem, pressures=np.ones((14, n), complex)), 0).modes for n in (count, count + 1)
-    )
+    arrays = (replace(problem, pressures=np.ones((14, n), complex)) for n in (count, count + 1))
+    exactly, more = (eq7.carried_modes(array, 0).modes for array in arrays)
     assert len(exactly) < len(more)
 
 
@@ -179,9 +177,7 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
         positions = measurement.positions + spread * rng.normal(size=measurement.positions.shape)
         assert eq7.ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
     raw = eq7.ReferenceCost(measurement.problem("raw"))
-    assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, (
-        "however modes are scaled"
-    )
+    assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, "in any scale"
     assert np.isnan(raw(np.nan * positions)) and np.isnan(eq7.decibels(np.nan)) and eq7.decibels(0.0) == -160
     far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
     assert eq7.ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
@@ -192,11 +188,10 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     assert eq7.decibels(total[0, 0]) == pytest.approx(eq7.ReferenceCost(problem)(positions), abs=1e-6), "as of a map"
 
 
-def test_few_microphones_lower_the_order_and_too_few_have_none():
-    measurement = cached_measurement(load_scene("tiny"))
-    problem = measurement.problem()
+def test_few_microphones_lower_the_order_and_too_few_have_none(tiny):
+    problem = tiny.problem()
     six = replace(problem, pressures=problem.pressures[:, :6])
-    assert eq7.ReferenceCost(six).order_offset < 2 and np.isfinite(eq7.ReferenceCost(six)(measurement.positions[:6]))
+    assert eq7.ReferenceCost(six).order_offset < 2 and np.isfinite(eq7.ReferenceCost(six)(tiny.positions[:6]))
     two = replace(problem, pressures=problem.pressures[:, :2])
     refuses("too few", eq7.ReferenceCost, two)
     refuses("search", lambda: eq7.ReferenceCost(replace(problem, search=None)))
@@ -205,20 +200,16 @@ def test_few_microphones_lower_the_order_and_too_few_have_none():
 
 @pytest.fixture(scope="module")
 def run():
-    """`tiny` with faulty channels, calibrated: its true positions, problem, and the states of the run."""
+    """`tiny` with faulty channels, calibrated: its problem, and the states of the run."""
     faults = {"inverted": [FAULTY[0]], "dead": [FAULTY[1]], "gain_db": 1.0, "phase_deg": 5.0}
     scene = edited(load_scene("tiny"), {f"faults.{key}": value for key, value in faults.items()})
     measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    return (
-        np.array(measurement.positions),
-        problem,
-        run_from(solver, problem, solver.init(problem, scene.solver, scene.seed)),
-    )
+    return problem, run_from(solver, problem, solver.init(problem, scene.solver, scene.seed))
 
 
 def test_a_map_at_the_estimate_is_the_reference_cost(run):
-    _, problem, states = run
+    problem, states = run
     state, reference_cost, search = states[-1], eq7.ReferenceCost(problem), problem.search
     there = replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
     modes = range(1, reference_cost.count + 1)
@@ -229,9 +220,8 @@ def test_a_map_at_the_estimate_is_the_reference_cost(run):
     assert powers @ alone / powers.sum() == pytest.approx(total[0, 0], rel=1e-9)
 
 
-def test_gains_multiplied_into_the_pressures_come_out_again():
-    measurement = cached_measurement(load_scene("tiny"))
-    problem, x, rng = measurement.problem(), measurement.positions, np.random.default_rng(3)
+def test_gains_multiplied_into_the_pressures_come_out_again(tiny):
+    problem, x, rng = tiny.problem(), tiny.positions, np.random.default_rng(3)
     gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
     spoiled = replace(problem, pressures=problem.pressures * gains)
     channels = ChannelCorrection(gains, np.ones(len(x)))
@@ -240,17 +230,14 @@ def test_gains_multiplied_into_the_pressures_come_out_again():
     maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
     np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
     turned = replace(spoiled, pressures=spoiled.pressures * np.exp(0.8j))  # the phase of a mode is unknown
-    (turned_shape, level), (shape, right) = (
-        mode_shape(turned, x, 5, 2, channels, 9),
-        mode_shape(problem, x, 5, 2, None, 9),
-    )
+    turned_shape, level = mode_shape(turned, x, 5, 2, channels, 9)
+    shape, right = mode_shape(problem, x, 5, 2, None, 9)
     np.testing.assert_allclose(turned_shape, shape, atol=1e-9)
     assert level == pytest.approx(right, abs=1e-9)
 
 
-def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
-    measurement = cached_measurement(load_scene("tiny"))
-    problem, x = measurement.problem(), np.array(measurement.positions)
+def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out(tiny):
+    problem, x = tiny.problem(), np.array(tiny.positions)
     low = slice(0, 8)  # modes that one microphone fewer can carry
     problem = replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
     x[:-1] += 0.01 * np.random.default_rng(4).normal(size=x[:-1].shape)

@@ -32,9 +32,8 @@ def test_a_diffuse_field_has_the_covariance_of_bessel_functions_of_order_zero(di
     np.testing.assert_allclose(over[:, 0], -(K**2) / dimension, rtol=1e-9, err_msg="kappa = 1 - z^2 / (2 D) at r = 0")
     x = array(dimension)
     matrices, _ = kernels.diffuse_matrices(x, K, dimension, True)
-    np.testing.assert_allclose(
-        matrices, kernels.diffuse_correlation(np.multiply.outer(K, squareform(pdist(x))), dimension), atol=1e-13
-    )
+    z = np.multiply.outer(K, squareform(pdist(x)))
+    np.testing.assert_allclose(matrices, kernels.diffuse_correlation(z, dimension), atol=1e-13)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.05, 1.0])
@@ -86,9 +85,8 @@ def test_the_directions_needed_resolve_a_diffuse_field_over_the_array(dimension,
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dimension, D, damping):
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
-    u, w = kernels.wave_directions(
-        dimension, kernels.directions_needed(np.zeros((1, dimension)), np.ones(1), dimension, 5)
-    )
+    needed = kernels.directions_needed(np.zeros((1, dimension)), np.ones(1), dimension, 5)
+    u, w = kernels.wave_directions(dimension, needed)
     powers = np.random.default_rng(1).uniform(0.1, 2, (len(K), len(w)))
     W = kernels.plane_waves(x, k, powers, dimension)
     phase = np.exp(-1j * np.multiply.outer(k, u[:D].T @ x.T))

@@ -56,9 +56,8 @@ def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
     candidates = problem.search.layer().reshape(-1, 2)
     k, p = (values[np.array(modes) - 1] for values in (problem.wavenumbers, problem.pressures))
     orders = max_order(k, problem.search.radius, offset)
-    W, rows = (
-        [fourier_bessel(at, *one, x.mean(axis=0)) for one in zip(k, orders, strict=True)] for at in (x, candidates)
-    )
+    each = list(zip(k, orders, strict=True))
+    W, rows = ([fourier_bessel(at, *one, x.mean(axis=0)) for one in each] for at in (x, candidates))
     fits = eq7.leave_one_out_fits(W, p, 9)
     expected = [fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)] / np.sum(np.abs(p) ** 2)
     np.testing.assert_allclose(maps.reshape(3, -1), expected, rtol=1e-6, atol=1e-12)
@@ -98,9 +97,8 @@ def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, 
                 expected = np.sum(np.abs(W @ np.linalg.lstsq(W, b, rcond=None)[0] - b) ** 2)
                 assert maps[m, row, column] == pytest.approx(expected, rel=1e-7)
     nearest = np.array(SEARCH.origin) + SEARCH.step * np.rint((x.mean(axis=0) - SEARCH.origin) / SEARCH.step)
-    np.testing.assert_array_equal(
-        cost.descent_maps(waves, x, 7, (1, 2), 1), cost.descent_maps(waves, x, 7, (1, 2), 1, 1.0, nearest)
-    )
+    about = cost.descent_maps(waves, x, 7, (1, 2), 1, 1.0, nearest)
+    np.testing.assert_array_equal(cost.descent_maps(waves, x, 7, (1, 2), 1), about)
 
 
 def test_cost_maps_without_an_order_are_the_solvers_landscape_on_any_lattice(waves):
@@ -125,11 +123,8 @@ def test_a_layer_of_the_volume_is_the_map_of_that_height_also_with_gains_and_noi
     coarse = cost.cost_volume(problem, x, 10, modes, 2, channels, negligible=1e-3)
     np.testing.assert_allclose(coarse.on(px, py, x[10, 2])[0], layer, rtol=0.05)
     assert coarse.modes[-1].values.size < volume.modes[-1].values.size
-    assert (
-        cost.cost_volume(problem, x, 10, modes, 2, cancelled=lambda: True)
-        is volume.on(px, py, 1.2, lambda: True)
-        is None
-    )
+    assert cost.cost_volume(problem, x, 10, modes, 2, cancelled=lambda: True) is None
+    assert volume.on(px, py, 1.2, lambda: True) is None
 
 
 @pytest.fixture(scope="module", params=["descent", "joint"])

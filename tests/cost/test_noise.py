@@ -35,9 +35,8 @@ def test_position_errors_are_distinguished_from_noise():
     rng, found, spread = np.random.default_rng(0), [], 0.03
     for p in draws(1e-4, 4):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
-        estimate = estimates.estimate_noise(
-            TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, estimates.DIFFUSE_FLOOR
-        )
+        off = TRUTH + rng.normal(0, spread, TRUTH.shape)
+        estimate = estimates.estimate_noise(off, unit(p), model, estimates.DIFFUSE_FLOOR)
         found.append((estimate.spread, estimate.noise_fraction))
         assert estimate.alone > estimate.noise_fraction
     spreads, shares = np.mean(found, axis=0)
@@ -104,11 +103,8 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
     for mode in range(0, M, 7):
         for factor in (0.8, 1.25):
             other = replace(field, power=np.where(np.arange(M) == mode, factor, 1.0) * field.power)
-            cost = [
-                likelihood_terms(TRUTH, p, one, derivatives=False).cost + estimates.hyper_cost(one, p)
-                for one in (other, field)
-            ]
-            assert cost[0] > cost[1]
+            costs_of = [likelihood_terms(TRUTH, p, one, derivatives=False).cost for one in (other, field)]
+            assert costs_of[0] + estimates.hyper_cost(other, p) > costs_of[1] + estimates.hyper_cost(field, p)
 
 
 def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
@@ -139,11 +135,8 @@ def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
     p[:, 1] *= 1e6
     for _ in range(50):
         terms = likelihood_terms(TRUTH, p, field)
-        field = replace(
-            field,
-            power=estimates.updated_power(field, terms),
-            channel_noise=estimates.updated_channel_noise(field, terms),
-        )
+        noise = estimates.updated_channel_noise(field, terms)
+        field = replace(field, power=estimates.updated_power(field, terms), channel_noise=noise)
     expected = estimates.expected_power(field, p)
     assert np.all(np.isfinite(field.power)) and np.all(field.power <= estimates.MAX_POWER * expected * (1 + 1e-9))
     assert field.channel_noise.min() >= estimates.MIN_CHANNEL_NOISE

@@ -34,10 +34,8 @@ def test_figure_says_what_it_shows(measured):
     figure = draw_landscape(panels, measurement.positions[9], estimate=measurement.positions[9] + 0.03)
     maps = [axes for axes in figure.axes if axes.images]
     bars = [axes for axes in figure.axes if axes not in maps]
-    assert [axes.get_title() for axes in maps] == [
-        *(f"mode {m}, {problem.frequencies[m - 1]:.1f} Hz" for m in (1, 5, 9)),
-        "sum of the 3 modes",
-    ]
+    titles = [f"mode {m}, {problem.frequencies[m - 1]:.1f} Hz" for m in (1, 5, 9)]
+    assert [axes.get_title() for axes in maps] == [*titles, "sum of the 3 modes"]
     assert [axes.get_ylabel() for axes in bars] == ["cost (dB re the highest of each map)"]
     assert (maps[-1].get_xlabel(), maps[0].get_ylabel()) == ("x (m)", "y (m)")
     for axes, found in zip(maps, panels.minima, strict=True):
@@ -106,9 +104,7 @@ def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_
     warm = floor.rgb[..., 0].astype(int) - floor.rgb[..., 2]
     assert floor.rgb[np.abs(field) < 0.01].min() > 235 and floor.bar.colour_map == DIVERGING_COLOUR_MAP
     assert warm[field > 0.5].min() > 40 and warm[field < -0.5].max() < -40
-    assert interpolate(field, lattice, truth[n]) == pytest.approx(level, abs=0.02), (
-        "the others predict what it measures"
-    )
+    assert interpolate(field, lattice, truth[n]) == pytest.approx(level, abs=0.02), "as the others predict"
     line = floor.curves[1].segments.reshape(-1, 2)[::20]
     assert [interpolate(field, lattice, point) for point in line] == pytest.approx([level] * len(line), abs=0.01)
     assert np.linalg.norm(floor.lowest - truth[n], axis=1).min() < 0.01 and floor.show_minima, "the lines cross there"
@@ -122,9 +118,8 @@ def test_no_text_of_the_figure_covers_another(measured, count):
     panels = landscape_panels(problem, measurement.positions, 6, tuple(range(1, count + 1)), 2)
     panels = replace(panels, search=replace(panels.search, origin=(2.01, 1.71), step=2 * panels.search.step))
     at_edge = np.array(panels.search.origin[:2]) + panels.search.step * (np.array(panels.maps.shape[:0:-1]) - 1)
-    figure = draw_landscape(
-        panels, measurement.positions[6], estimate=at_edge, heading="Cost of moving it\nin two lines"
-    )
+    heading = "Cost of moving it\nin two lines"
+    figure = draw_landscape(panels, measurement.positions[6], estimate=at_edge, heading=heading)
     figure_bytes(figure, "png")
     shown = [panel for panel in figure.axes if panel.get_visible()]
     texts = [figure._suptitle, *figure.legends, *(panel.title for panel in shown)]
@@ -150,9 +145,8 @@ def solid():
     rng = np.random.default_rng(3)
     pressures = rng.normal(size=(2, 9)) + 1j * rng.normal(size=(2, 9))
     names = ('"a", b', "<i>", "ü&", "=1+1", *"efghi")
-    return Measurement(
-        [100.0, 150.0], pressures, 343.0, 3, names=names, positions=rng.normal(size=(9, 3)), known=[1, 4, 5, 6]
-    )
+    places = {"positions": rng.normal(size=(9, 3)), "known": [1, 4, 5, 6]}
+    return Measurement([100.0, 150.0], pressures, 343.0, 3, names=names, **places)
 
 
 def test_the_table_of_microphones_is_complete(measured, solid):

@@ -6,6 +6,7 @@ from html import unescape
 
 import numpy as np
 import pytest
+from fields import placed
 from PIL import Image
 
 from fdcal.cost.scale import Minima
@@ -17,27 +18,19 @@ from fdcal.graphics.picture import compose, static_picture, with_estimate, with_
 from fdcal.graphics.primitives import Curve
 from fdcal.graphics.snapshot import annotate, legend_of, margins
 from fdcal.graphics.volume import volume_of
-from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
 from fdcal.viewer.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [name for name, mark in MARKS.items() if mark.text and name != "isosurfaces"]  # marks of a plane array
-SCENERY = (
-    "room/",
-    "frame",
-    "source",
-    "microphones/stems",
-    "selected/",
-    "ball/",
-)  # labelled where they stand, or part of a mark
+# Labelled where they stand, or part of a mark.
+SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/", "ball/")
 
 
 @pytest.fixture(scope="module")
 def measurement(scene):
     positions = np.random.default_rng(5).uniform([0.5, 0.35], [0.9, 0.75], (8, 2))
-    p = np.exp(1j * positions.sum(axis=1))[None]
-    return Measurement([100.0], p, 343.0, positions=positions, known=[0, 1], search=scene.search)
+    return placed(positions, scene.search, [0, 1])
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +54,8 @@ def full(scene, measurement, estimate, floor):
     floor = replace(floor, curves=tuple(Curve(f"same in mode {mode}", line) for mode in (1, 2, 3)))
     picture = with_estimate(static_picture(scene, measurement), measurement, estimate, 5, floor, None, [4])
     picture = with_floor(picture, floor)
-    picture = overlays.with_trails(
-        overlays.with_ball(picture, estimate[5], floor), np.stack([estimate, estimate + 0.05])
-    )
+    picture = overlays.with_ball(picture, estimate[5], floor)
+    picture = overlays.with_trails(picture, np.stack([estimate, estimate + 0.05]))
     picture = overlays.with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
     return overlays.with_faulty_channels(picture, estimate, [4])
 

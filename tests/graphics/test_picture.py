@@ -200,11 +200,7 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
 
 def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     scene = load_scene("listening_lab")
-    places = positions_of(scene)
-    measurement = Measurement(
-        np.array([100.0]), np.ones((1, 64), complex), 343.0, 3, positions=places, search=scene.search
-    )
-    picture = pictures.static_picture(scene, measurement)
+    picture = pictures.static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
     parts = [part.name for part in (*picture.meshes, *picture.lines, *picture.labels)]
     assert not [name for name in parts if name.startswith(("room", "source"))]
     assert picture.bounds == picture.focus

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 from browsing import until
 from fields import waves
-from replays import Reader, contents, offline_page, wait_for
+from replays import Reader, contents, descent_on_tiny, offline_page, wait_for
 from running import exit_code, refuses
 
 import fdcal
-from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
 from fdcal.graphics.heatmap import colour_limits, normalise, to_rgb
@@ -22,7 +20,6 @@ from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement, save_measurement
 from fdcal.model.problem import ChannelCorrection
-from fdcal.model.scene import load_scene
 from fdcal.model.settings import Search
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
@@ -31,12 +28,7 @@ EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 @pytest.fixture(scope="module")
 def run():
     """Scene, measurement and the first states of descent on `tiny`."""
-    scene = load_scene("tiny")
-    measurement = cached_measurement(scene)
-    problem, descent = measurement.problem(), solvers.load("descent")
-    states = [descent.init(problem, dataclasses.replace(scene.solver, name="descent"), 0)]
-    while len(states) < 60:
-        states.append(descent.step(problem, states[-1]))
+    scene, measurement, _, states = descent_on_tiny(60)
     return scene, measurement, states
 
 
@@ -199,12 +191,8 @@ def states_of(measurement, count=4, channels=None):
     rng = np.random.default_rng(1)
     away = 0.03 * rng.normal(size=measurement.positions.shape)
     numbers = dict(sweep=0, stage=0, restart=0, first=1, channels=channels)
-    return [
-        SimpleNamespace(
-            positions=measurement.positions + away * (count - 1 - t), step=10 * t, moved=3 + t, last=4 + t, **numbers
-        )
-        for t in range(count)
-    ]
+    places = [measurement.positions + away * (count - 1 - t) for t in range(count)]
+    return [SimpleNamespace(positions=x, step=10 * t, moved=3 + t, last=4 + t, **numbers) for t, x in enumerate(places)]
 
 
 def replay_of(measurement, **changes):

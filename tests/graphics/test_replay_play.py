@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 from browsing import WAIT
-from replays import offline_page, wait_for
+from replays import descent_on_tiny, offline_page, wait_for
 
-from fdcal import solvers
-from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import reference_cost_of
 from fdcal.graphics.replay import replay_html
-from fdcal.model.scene import load_scene
+from fdcal.solvers import descent
 
 MICROPHONE = 8
 ADDRESS = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top"
@@ -19,22 +17,15 @@ ADDRESS = f"#step=0&microphone={MICROPHONE}&modes=1-3&view=top"
 
 @pytest.fixture(scope="module")
 def run():
-    scene = load_scene("tiny")
-    descent, measurement = solvers.load("descent"), cached_measurement(scene)
-    problem = measurement.problem(scene.solver.weights)
-    states = [descent.init(problem, solvers.with_mode_count(problem, scene.solver), 0)]
-    for _ in range(4):
-        states.append(descent.step(problem, states[-1]))
-    return scene, measurement, problem, descent, states
+    return descent_on_tiny(5)
 
 
 @pytest.fixture(scope="module")
 def path(run, tmp_path_factory):
-    scene, measurement, problem, _, states = run
+    scene, measurement, problem, states = run
     path = tmp_path_factory.mktemp("play") / "play.html"
-    path.write_text(
-        replay_html(scene, measurement, states, "Play", reference_cost_of(problem), problem=problem), encoding="utf-8"
-    )
+    text = replay_html(scene, measurement, states, "Play", reference_cost_of(problem), problem=problem)
+    path.write_text(text, encoding="utf-8")
     return path
 
 
@@ -71,14 +62,13 @@ def place_and_distance(page, truth):
 @pytest.mark.parametrize("modes", [3, 20])
 def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
     """Both below and above the number of modes from which the order is ample."""
-    _, measurement, problem, descent, states = run
+    _, measurement, problem, states = run
     state = descent.use_modes(problem, states[0], 1, modes, False)
     for _ in range(3):
         after = descent.step(problem, state)
         places = np.column_stack([state.positions, np.zeros(measurement.count)]).tolist()
-        found = page.evaluate(
-            "([n, places, high]) => replay.descentStep(n, places, 1, high)", [after.moved, places, modes]
-        )
+        step = "([n, places, high]) => replay.descentStep(n, places, 1, high)"
+        found = page.evaluate(step, [after.moved, places, modes])
         np.testing.assert_allclose(found[:2], after.positions[after.moved], atol=1e-6)
         state = after
 
@@ -99,11 +89,8 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
     home = np.linalg.norm(end - below) < 0.01  # in the hole in which the true position lies
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
-    assert words == (
-        f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
-        if home
-        else f"Trapped, {off} off"
-    )
+    reached = f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
+    assert words == (reached if home else f"Trapped, {off} off")
     assert tries == f"{int(home)} of 1 drop reached the true position"
 
 
@@ -131,7 +118,7 @@ def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
 
 
 def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
-    _, measurement, problem, _, states = run
+    _, measurement, problem, states = run
     page.get_by_role("button", name="Sweep").click()
     free = problem.free.tolist()
     places = np.array(page.evaluate("replay.own.places"))[:, :2]

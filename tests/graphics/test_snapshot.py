@@ -5,6 +5,7 @@ import sys
 import matplotlib
 import numpy as np
 import pytest
+from fields import placed
 from PIL import Image
 
 from fdcal.graphics import snapshot
@@ -13,7 +14,6 @@ from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.marks import ESTIMATE, Layer, layer_height
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
-from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import StorageError
 
@@ -25,9 +25,7 @@ VIEWS = ("top", "close")
 def measurement(scene):
     """Twelve microphones on a coarse grid, so that no marker hides another."""
     x, y = np.meshgrid(np.linspace(0.52, 0.86, 4), np.linspace(0.38, 0.7, 3))
-    positions = np.stack([x.ravel(), y.ravel()], axis=1)
-    p = np.exp(1j * positions.sum(axis=1))[None]
-    return Measurement([100.0], p, 343.0, positions=positions, known=[0, 3, 9], search=scene.search)
+    return placed(np.stack([x.ravel(), y.ravel()], axis=1), scene.search, [0, 3, 9])
 
 
 @pytest.fixture(scope="module")
@@ -99,12 +97,9 @@ def test_the_whole_search_domain_is_in_the_image(name, view, size):
     scene = load_scene(name)
     low, dimension = np.array(scene.search.origin), len(scene.search.origin)
     corners = low + scene.search.size * np.array(list(np.ndindex((2,) * dimension)))
-    count = len(corners)
-    measurement = Measurement(
-        [100.0], np.ones((1, count), complex), 343.0, dimension, positions=corners, search=scene.search
-    )
-    heights = np.zeros((count, 3 - dimension))
-    pixels = pixels_of(compose(scene, measurement), size, view, np.column_stack([corners, heights]))
+    heights = np.zeros((len(corners), 3 - dimension))
+    picture = compose(scene, placed(corners, scene.search))
+    pixels = pixels_of(picture, size, view, np.column_stack([corners, heights]))
     assert (pixels >= 0).all() and (pixels <= size).all()
     assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "it fills a good part of the image"
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from fields import placed
 
 from fdcal.cost.scale import Minima
 from fdcal.graphics import snapshot
@@ -9,7 +10,6 @@ from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import to_rgb
 from fdcal.graphics.picture import static_picture, with_volume
 from fdcal.graphics.volume import SampledVolume, brightened, isosurface, layer_floor, levels_of, volume_of
-from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
 
 SEARCH = Search(origin=(1.0, 2.0, 3.0), size=(0.8, 0.6, 0.4), step=0.02, radius=0.5)
@@ -101,10 +101,7 @@ def test_the_layer_of_a_height_lies_on_the_floor_in_the_colours_of_the_scale():
 @pytest.fixture(scope="module")
 def picture():
     positions = np.random.default_rng(0).uniform(DOMAIN[0] + 0.05, DOMAIN[1] - 0.05, (6, 3))
-    measurement = Measurement(
-        [100.0], np.ones((1, 6), complex), 343.0, 3, positions=positions, known=[0], search=SEARCH
-    )
-    return static_picture(None, measurement)
+    return static_picture(None, placed(positions, SEARCH, [0]))
 
 
 def image_of(painted, picture, view):

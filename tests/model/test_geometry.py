@@ -35,11 +35,9 @@ def test_circles_rectangles_and_lattices():
 @settings(deadline=None)  # a busy machine is no fault
 @given(st.integers(0, 2**32), st.integers(1, 40))
 def test_random_microphones_are_drawn_without_replacement(seed, extra):
-    draw = [
-        arrays.rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, np.random.default_rng(seed)) for _ in range(2)
-    ]
-    assert np.array_equal(*draw), "the same seed gives the same array"
-    points = draw[0]
+    rngs = np.random.default_rng(seed), np.random.default_rng(seed)
+    points, again = (arrays.rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, rng) for rng in rngs)
+    assert np.array_equal(points, again), "the same seed gives the same array"
     assert len(np.unique(np.round(points / 0.02), axis=0)) == len(points) == 9 + extra
     assert np.abs(points - 0.02).max() <= 0.2 + 1e-9  # the cells round 0 are centred on 0.02
 
@@ -67,13 +65,9 @@ def test_hulls_of_a_line_of_a_square_and_of_a_solid():
     inside = [arrays.hull_meets(line, np.array([place])) for place in ([1.5, 1.5], [2.0, 2.0], [2.5, 2.5], [1.0, 0.5])]
     assert inside == [True, True, False, False]
     cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)])
-    assert arrays.hull_meets(cube, np.array([[0.2, 0.9, 0.5]])) and not arrays.hull_meets(
-        cube, np.array([[0.2, 1.1, 0.5]])
-    )
     sheet = cube[cube[:, 2] == 0]
-    assert arrays.hull_meets(sheet, np.array([[0.5, 0.5, 0.0]])) and not arrays.hull_meets(
-        sheet, np.array([[0.5, 0.5, 0.01]])
-    )
+    for solid, within, outside in ((cube, (0.2, 0.9, 0.5), (0.2, 1.1, 0.5)), (sheet, (0.5, 0.5, 0), (0.5, 0.5, 0.01))):
+        assert [arrays.hull_meets(solid, np.array([place])) for place in (within, outside)] == [True, False]
 
 
 def test_positions_of_a_scene(edited):
@@ -121,17 +115,14 @@ def test_the_measurement_is_the_field_at_the_microphones(name):
     if name == "plane3d":
         few = Array("plane", (1.9, 1.6, 1.3), shape=(3, 2), size=(0.6, 0.6))
     sensing = Sensing(40.0, 30.0, 90.0, 1.0, 1.0, "continuous")
-    scene = dataclasses.replace(
-        scene, array=few, measurement=sensing, gauge=dataclasses.replace(scene.gauge, known=(0, 1, 2, 4))
-    )
+    gauge = dataclasses.replace(scene.gauge, known=(0, 1, 2, 4))
+    scene = dataclasses.replace(scene, array=few, measurement=sensing, gauge=gauge)
     measured = measure(scene)
     clean = measure(dataclasses.replace(scene, measurement=dataclasses.replace(sensing, snr_db=np.inf)))
     assert (measured.dimension, measured.array_dimension) == (3, 2 if name == "plane3d" else 3)
-    np.testing.assert_allclose(
-        clean.pressures,
-        point_source_pressures(scene.room, scene.source.position, arrays.positions_3d(scene), clean.wavenumbers),
-        rtol=1e-9,
-    )
+    there = scene.source.position, arrays.positions_3d(scene)
+    field = point_source_pressures(scene.room, *there, clean.wavenumbers)
+    np.testing.assert_allclose(clean.pressures, field, rtol=1e-9)
     assert not clean.noise_power.any() and np.all(clean.wavenumbers.imag < 0) and len(clean.frequencies) > 5
     np.testing.assert_allclose(measured.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))
 
@@ -162,17 +153,14 @@ MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])
 @pytest.mark.parametrize("size", [(5.0, 4.0), (5.0, 4.0, 2.5)])
 def test_places_keep_their_distances_and_reach_all_of_the_room(size):
     rng = np.random.default_rng(0)
-    places = np.array(
-        [arrays.random_source(size, MICROPHONES, 0.7, rng, lambda place: place[0] > 0.5) for _ in range(800)]
-    )
+    right = lambda place: place[0] > 0.5  # noqa: E731
+    places = np.array([arrays.random_source(size, MICROPHONES, 0.7, rng, right) for _ in range(800)])
     assert places.shape == (800, len(size))
     assert (places >= arrays.WALL_DISTANCE_M).all() and (places <= np.array(size) - arrays.WALL_DISTANCE_M).all()
     assert np.linalg.norm(places[:, None, :2] - MICROPHONES, axis=2).min() > 0.7
     assert places[:, 0].min() > 0.5, "what is not allowed is not drawn"
-    seeds = [
-        arrays.random_source(size, MICROPHONES, 0.7, np.random.default_rng(3), lambda place: True) for _ in range(2)
-    ]
-    np.testing.assert_array_equal(*seeds)
+    rngs = np.random.default_rng(3), np.random.default_rng(3)
+    np.testing.assert_array_equal(*(arrays.random_source(size, MICROPHONES, 0.7, one, np.any) for one in rngs))
     assert arrays.random_source(size, MICROPHONES, 9.0, rng, lambda place: True) is None, "a full room"
     quarters = (places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)
     assert np.bincount(quarters).min() > 100

@@ -185,10 +185,8 @@ def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
     error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
     assert 0.7 < np.mean(error / taken.noise_power) < 1.4
     assert np.all(error < 3 * taken.noise_power), "the same holds at the frequency of the mode"
-    whole = (
-        np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(recorded_samples.shape[1])))
-        @ recorded_samples.T
-    )
+    t = np.arange(recorded_samples.shape[1]) / FS
+    whole = np.exp(-2j * np.pi * np.outer(taken.frequencies, t)) @ recorded_samples.T
     rest = np.mean(np.abs(whole - truth(taken.frequencies)) ** 2, axis=1)
     assert np.median(error / rest) < 0.7, "noise after the decay of most modes is still left out"
 
@@ -433,9 +431,8 @@ def test_the_noise_is_that_in_the_response_whatever_the_lengths(recorded_s, play
     noise = np.sqrt(power) * rng.standard_normal(clean.shape)
 
     def deconvolved(samples):
-        made, density = deconvolve(
-            recording_of("recording", None, RATE, samples), recording_of("sweep", None, RATE, played[None]), SWEPT
-        )
+        one, sweep = recording_of("recording", None, RATE, samples), recording_of("sweep", None, RATE, played[None])
+        made, density = deconvolve(one, sweep, SWEPT)
         return read_samples(made, 0, made.samples), density
 
     (with_noise, density), (without, _) = deconvolved(clean + noise), deconvolved(clean)

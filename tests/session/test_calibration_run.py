@@ -1,6 +1,5 @@
 """Calibrations from the session: given distances, modes left open, and scenes that are measurements."""
 
-import dataclasses
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -25,9 +24,8 @@ def test_a_distance_or_given_positions_that_no_air_explains_are_doubted(solver, 
     measurement, options = fdcal.load("tiny"), {"solver": solver, "modes": 14}
     x = measurement.positions
     if distance is None:
-        found = fdcal.calibrate(
-            measurement, known={n: 0.85 * x[n] for n in (0, 5, 7)}, sound_speed_sigma=0.05, **options
-        )
+        given = {n: 0.85 * x[n] for n in (0, 5, 7)}
+        found = fdcal.calibrate(measurement, known=given, sound_speed_sigma=0.05, **options)
     else:  # without known microphones, which would contradict the distance
         blind = replace(measurement, known=(), known_positions=None)
         length = (0, 15, distance * float(np.linalg.norm(x[0] - x[15])))
@@ -83,8 +81,8 @@ def test_a_session_has_the_measurement_and_no_path(measurement, tmp_path):
 def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement, tmp_path):
     path = tmp_path / "one.npz"
     save_measurement(measurement, path)
-    assert load_measurement(path).nominal and dataclasses.replace(measurement, names=None).nominal
+    assert load_measurement(path).nominal and replace(measurement, names=None).nominal
     assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
     table = ROOT / "examples" / NAME / "nominal.csv"
     assert not fdcal.load(path, positions=table).nominal
-    refuses("nominal = 1 must be true or false", dataclasses.replace, measurement, nominal=1)
+    refuses("nominal = 1 must be true or false", replace, measurement, nominal=1)

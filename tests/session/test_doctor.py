@@ -1,6 +1,5 @@
 """What `examine` says of sound data and of data with a fault, and the page that the command writes."""
 
-import dataclasses
 import itertools
 from dataclasses import replace
 
@@ -66,14 +65,14 @@ def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
 
     def astray(*arguments, **others):
         found = solve(*arguments, **others)
-        return dataclasses.replace(found, positions=found.positions + 3.0 * (np.arange(16) == 5)[:, None])
+        return replace(found, positions=found.positions + 3.0 * (np.arange(16) == 5)[:, None])
 
     monkeypatch.setattr(doctor, "solve", astray)
     pressures, rng = np.array(tiny.pressures), np.random.default_rng(3)
     pressures[:, 7] *= -1
     noise = rng.standard_normal((2, len(pressures)))
     pressures[:, 5] = np.abs(pressures[:, 5]).mean() * (noise[0] + 1j * noise[1])
-    save_measurement(dataclasses.replace(tiny, pressures=pressures), tmp_path / "dead.npz")
+    save_measurement(replace(tiny, pressures=pressures), tmp_path / "dead.npz")
     found = answers(str(tmp_path / "dead.npz"), str(write_places(tmp_path / "list.csv", tiny.positions)))
     assert found.pop("channels") == ("fault", "microphone 5: dead; microphone 7: inverted")
     assert found["list"][0] == "fine" and "fault" not in {state for state, _ in found.values()}

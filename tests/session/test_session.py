@@ -1,10 +1,9 @@
 """A session stops within one step, rewinds for free, survives an exception and carries out only the newest command."""
 
-import dataclasses
 import math
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import FrozenInstanceError, dataclass, replace
 
 import numpy as np
 import pytest
@@ -65,10 +64,10 @@ class Counter:
             assert self.gate.acquire(timeout=WAIT)
         if state.step == self.fail_at:
             raise RuntimeError("the matrix is singular")
-        return dataclasses.replace(state, step=state.step + 1)
+        return replace(state, step=state.step + 1)
 
     def use_modes(self, problem, state, first, last, automatic):
-        return dataclasses.replace(state, first=first, last=last, automatic=automatic)
+        return replace(state, first=first, last=last, automatic=automatic)
 
 
 @pytest.fixture
@@ -106,7 +105,7 @@ def test_play_ends_where_the_solver_finishes_and_each_view_of_it_agrees_with_its
     assert session.view.count == 13
     for view in seen:
         assert view.history[view.index] is view.state and len(view.history) == view.count
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(FrozenInstanceError):
         seen[0].index = 3
     session.play()
     session.step()
@@ -191,7 +190,7 @@ def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, c
     """Commands in any order: one that cannot be carried out changes nothing and stops nothing."""
     scene, rng, refused = load_scene("tiny"), np.random.default_rng(5), 0
     problem = cached_measurement(scene).problem()
-    settings = solvers.with_mode_count(problem, dataclasses.replace(scene.solver, name=name, start=None))
+    settings = solvers.with_mode_count(problem, replace(scene.solver, name=name, start=None))
     run = SolverRun(problem, settings, 0, None, (), None, lambda: None, StateCosts())
     rows, count = problem.pressures.shape
     for _ in range(40):

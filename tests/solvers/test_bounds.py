@@ -150,13 +150,7 @@ def absurd(kind: str) -> Measurement:
     return Measurement(frequencies, p, SPEED, positions=positions, known=range(3), search=search)
 
 
-CASES = [
-    ("noise", "joint"),
-    ("twins", "robust"),
-    ("high", "robust"),
-    ("noise", "descent"),
-    ("twins", "descent"),
-]
+CASES = [("noise", "joint"), ("twins", "robust"), ("high", "robust"), ("noise", "descent"), ("twins", "descent")]
 
 
 @pytest.mark.parametrize(("kind", "solver"), CASES)

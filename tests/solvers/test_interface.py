@@ -1,7 +1,6 @@
 """Every solver has what others rely on."""
 
-import dataclasses
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from itertools import pairwise
 
 import numpy as np
@@ -34,7 +33,7 @@ SETTINGS = SolverSettings(name="descent", modes=20, first_modes=8, max_sweeps=2,
 
 @pytest.fixture(scope="module", params=["descent", "joint"])
 def states(request):
-    return list(solvers.run(PROBLEM, dataclasses.replace(SETTINGS, name=request.param), 0))
+    return list(solvers.run(PROBLEM, replace(SETTINGS, name=request.param), 0))
 
 
 def test_steps_sweeps_and_stages_are_counted_on(states):
@@ -47,7 +46,7 @@ def test_steps_sweeps_and_stages_are_counted_on(states):
 
 def test_states_are_frozen_and_a_finished_run_stays_where_it_is(states):
     """That a run can be continued from any state, tests/session/test_session_file.py asserts."""
-    with pytest.raises(dataclasses.FrozenInstanceError):
+    with pytest.raises(FrozenInstanceError):
         states[0].step = 3
     with pytest.raises(ValueError, match="read-only"):
         states[0].positions[0] = 0

@@ -10,7 +10,7 @@ import pytest
 from fields import measured, rigid_room, room_frequencies
 from hypothesis import given, strategies
 from hypothesis import settings as settings_of_hypothesis
-from solving import same_state, simulated_square
+from solving import same, simulated_square
 
 from fdcal import solvers
 from fdcal.acoustics import compiled
@@ -152,10 +152,10 @@ def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
 def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     problem, settings = measured(TRUTH, KNOWN).problem(), replace(SETTINGS, start="random")
     one, again, other = (joint.init(problem, settings, seed) for seed in (0, 0, 1))
-    assert same_state(one, again) and not np.array_equal(one.positions, other.positions)
+    assert same(one, again) and not np.array_equal(one.positions, other.positions)
     assert np.array_equal(one.positions[KNOWN], TRUTH[KNOWN])
     own = (joint.init(problem, SETTINGS, seed) for seed in (0, 1))
-    assert same_state(*own, but=("seed",))
+    assert same(*own, but=("seed",))
 
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_the_starts_of_the_solver():

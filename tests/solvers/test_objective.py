@@ -104,11 +104,9 @@ def test_the_priors_of_gains_phases_and_sound_speed_are_those_stated():
 
 
 def test_the_matrix_holds_priors_near_their_centre_as_their_second_derivatives():
-    here = unknowns()
-    goal = objective()
-    centred = replace(
-        goal.priors, places=here.positions[KNOWN], offsets=here.channels[:, :2], gain_sigma=0.04, phase_sigma=0.06
-    )
+    here, goal = unknowns(), objective()
+    centred = replace(goal.priors, places=here.positions[KNOWN], offsets=here.channels[:, :2])
+    centred = replace(centred, gain_sigma=0.04, phase_sigma=0.06)
     at_centre = replace(goal, priors=centred)
     loose = replace(centred.without_given(), gain_sigma=1e9, phase_sigma=1e9, speed_sigma=0.0)
     springs = np.diag(at_centre.evaluate(here).matrix - replace(goal, priors=loose).evaluate(here).matrix)
@@ -116,10 +114,8 @@ def test_the_matrix_holds_priors_near_their_centre_as_their_second_derivatives()
     index = np.concatenate([6 * KNOWN, 6 * KNOWN + 1, [2, 3, x.size - 1]])
     for i in index:
         move = step * np.eye(x.size)[i]
-        costs = [
-            at_centre.finite_cost(here.at(y)) - replace(goal, priors=loose).finite_cost(here.at(y))
-            for y in (x + move, x, x - move)
-        ]
+        places = [here.at(y) for y in (x + move, x, x - move)]
+        costs = [at_centre.finite_cost(y) - replace(goal, priors=loose).finite_cost(y) for y in places]
         assert springs[i] == pytest.approx((costs[0] - 2 * costs[1] + costs[2]) / step**2, rel=2e-3)
 
 

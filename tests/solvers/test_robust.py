@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fields import rigid_room, room_frequencies, waves
+from fields import rigid_room, room_frequencies, waves, with_noise
 from solving import rms, rms_of_shape, solved
 
 from fdcal import calibrate
@@ -33,28 +33,16 @@ def measured(change=lambda p, rng, f: p, given=None, known=KNOWN, snr=SNR, modes
     k = 2 * np.pi * frequencies / 343 - 0.02j
     p = change(rigid_room(x, SOURCE, k, SIZE), rng, frequencies)
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
-    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(10 ** (-snr / 10) / 2)
+    p, _ = with_noise(p, snr, rng)
     places = x[known] if given is None else given(x[known])
-    return Measurement(
-        frequencies=frequencies,
-        pressures=p + noise[0] + 1j * noise[1],
-        sound_speed=343.0,
-        positions=x,
-        known=known,
-        known_positions=places,
-        wavenumbers=k,
-    )
+    return Measurement(frequencies, p, 343.0, positions=x, known=known, known_positions=places, wavenumbers=k)
 
 
 def test_few_microphones_in_space_keep_the_noise_that_there_is():
     scene = load_scene("ball3d")
-    scene = replace(
-        scene,
-        array=replace(scene.array, count=16, radius=0.3),
-        gauge=replace(scene.gauge, known=(0, 4, 9, 13)),
-        measurement=replace(scene.measurement, snr_db=60.0),
-    )
-    measurement = measure(scene)
+    array, gauge = replace(scene.array, count=16, radius=0.3), replace(scene.gauge, known=(0, 4, 9, 13))
+    sensing = replace(scene.measurement, snr_db=60.0)
+    measurement = measure(replace(scene, array=array, gauge=gauge, measurement=sensing))
     end = solved(measurement)
     sought = np.setdiff1d(np.arange(16), measurement.known)
     assert end.assessment.verdict == "good" and end.state.model.directional
@@ -155,9 +143,8 @@ def test_a_narrow_band_does_not_take_a_phase_for_a_delay():
 def test_the_listening_lab_is_found_blind():
     lab = load_scene("listening_lab")  # with half of its microphones in two thirds of its width
     array = replace(lab.array, count=32, radius=0.3)
-    inputs = scene_input(
-        replace(lab, array=array, measurement=replace(lab.measurement, resolution=12.0, highest=820.0))
-    )
+    sensing = replace(lab.measurement, resolution=12.0, highest=820.0)
+    inputs = scene_input(replace(lab, array=array, measurement=sensing))
     assert inputs.measurement.blind
     result = solve(inputs)
     errors = inputs.measurement.errors(result.positions)
@@ -184,12 +171,9 @@ def plane():
     k = (2 * np.pi * frequencies - 1.5j) / 343.0
     p = point_source_pressures(ROOM, (4.37, 3.55, 2.45), np.column_stack([x, np.full(len(x), 1.2)]), k)
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
-    noise = 10 ** (-PLANE_SNR / 10)
-    parts = np.random.default_rng(0).standard_normal((2, *p.shape)) * np.sqrt(noise / 2)
-    return Measurement(
-        frequencies=frequencies, pressures=p + parts[0] + 1j * parts[1], sound_speed=343.0, dimension=3,
-        array_dimension=2, wavenumbers=k, noise_power=np.full(PLANE_MODES, noise), positions=x, known=CORNERS,
-    )  # fmt: skip
+    p, noise = with_noise(p, PLANE_SNR, np.random.default_rng(0))
+    places = {"positions": x, "known": CORNERS}
+    return Measurement(frequencies, p, 343.0, 3, 2, wavenumbers=k, noise_power=noise, **places)
 
 
 def test_the_size_of_a_plane_array_is_that_of_the_given_corners(plane):
@@ -211,9 +195,8 @@ def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():
     for source in [draw_source(rng, room, places.mean(axis=0)) for _ in range(4)]:
         h = responses(places, source, 0.4, 40, room)
         p = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(h.shape[1])) / RATE) @ h.T
-        power = 1e-5 * np.mean(np.abs(p) ** 2, axis=1)
-        noise = np.sqrt(power / 2)[:, None] * (rng.normal(size=p.shape) + 1j * rng.normal(size=p.shape))
-        takes.append(Measurement(frequencies, p + noise, SPEED, dimension=3, noise_power=power))
+        p, noise = with_noise(p, 50.0, rng)
+        takes.append(Measurement(frequencies, p, SPEED, dimension=3, noise_power=noise))
     found = calibrate(Measurement.from_takes(takes), known="none")
     error = rms_of_shape(found.positions, places)
     assert found.verdict == "good" and error < 6e-3

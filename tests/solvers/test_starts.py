@@ -29,10 +29,8 @@ def affine_problem(D, known, offsets=1.0):
     slopes = base.wavenumbers.real[:, None] * (rng.normal(size=(modes, D)) + 1j * rng.normal(size=(modes, D)))
     pressures = slopes @ (truth - truth.mean(axis=0)).T + offsets * rng.normal(size=(modes, 1))
     chosen = {"known": known, "known_positions": truth[known] if known else None}
-    measurement = replace(
-        base, dimension=D, array_dimension=D, pressures=pressures, positions=truth, search=None, **chosen
-    )
-    return measurement.problem("raw"), truth
+    affine = replace(base, dimension=D, array_dimension=D, pressures=pressures, positions=truth, search=None, **chosen)
+    return affine.problem("raw"), truth
 
 
 @pytest.mark.parametrize("D", [2, 3])

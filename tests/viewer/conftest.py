@@ -29,15 +29,9 @@ def server():
 @pytest.fixture(scope="module")
 def measurement(scene):
     positions = np.random.default_rng(3).uniform([0.5, 0.35], [0.9, 0.75], (10, 2))
-    return Measurement(
-        frequencies=np.linspace(100, 300, 6),
-        pressures=np.exp(1j * np.outer(np.arange(1, 7), positions.sum(axis=1))),
-        sound_speed=343.0,
-        positions=positions,
-        known=np.array([0, 1, 2]),
-        known_positions=positions[:3],
-        search=scene.search,
-    )
+    places = {"positions": positions, "known": [0, 1, 2], "search": scene.search}
+    pressures = np.exp(1j * np.outer(np.arange(1, 7), positions.sum(axis=1)))
+    return Measurement(np.linspace(100, 300, 6), pressures, 343.0, **places)
 
 
 @pytest.fixture(scope="module")

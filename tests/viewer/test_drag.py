@@ -77,9 +77,8 @@ def test_the_position_is_where_the_line_of_sight_meets_the_floor_inside_the_sear
 
 def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
     camera = SimpleNamespace(position=np.array(eye))
-    return SimpleNamespace(
-        phase=phase, instance_index=index, end_position=point, client_id=page, client=SimpleNamespace(camera=camera)
-    )
+    client = SimpleNamespace(camera=camera)
+    return SimpleNamespace(phase=phase, instance_index=index, end_position=point, client_id=page, client=client)
 
 
 def test_a_drag_is_one_gesture_and_the_next_or_that_of_another_page_is_another(picker):
@@ -256,9 +255,8 @@ def test_the_words_of_a_drop_and_their_button_stay_where_the_session_answers_lat
     binding, overlay = Binding(server.gui, work, 6), Overlay(server.gui)
     binding.choose(microphone=9, follow=False)
     drop, before = Drop(binding, overlay), binding.session.view
-    cost_map = SimpleNamespace(
-        request=SimpleNamespace(style=SimpleNamespace(kind="flat"), microphone=9), text_of=lambda cost: f"{cost} dB"
-    )
+    request = SimpleNamespace(style=SimpleNamespace(kind="flat"), microphone=9)
+    cost_map = SimpleNamespace(request=request, text_of=lambda cost: f"{cost} dB")
     drop.tick(before, cost_map, 0.0)
     end = np.array(before.state.positions)
     end[9] = 0.6, 0.5
@@ -320,9 +318,8 @@ def test_the_true_positions_stand_still_over_a_run_and_while_a_microphone_is_dra
 def test_a_microphone_is_drawn_where_it_was_placed(coordinates, server, blind):
     binding = Binding(server.gui, blind, 6)
     for place in ([0.6, 0.7], [0.85, 0.4]):
-        wanted = np.array(
-            [*place[:coordinates], *binding.frame.positions(binding.session.view.state.positions)[4, coordinates:]]
-        )
+        wanted = binding.frame.positions(binding.session.view.state.positions)[4].copy()
+        wanted[:coordinates] = place[:coordinates]
         binding.place(4, place[:coordinates])
         (_, microphone, at, _), positions = blind.session.commands[-1], np.array(blind.session.view.state.positions)
         others = np.delete(positions, microphone, axis=0)

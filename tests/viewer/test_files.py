@@ -93,24 +93,25 @@ MICROPHONE, MODES = 9, (7, 9, 20)
 @pytest.fixture(scope="module")
 def snapshot(scene, kernels):
     """The page on `tiny` with the map of a few modes, the array a little off the truth."""
+    run, choices = prepared(scene, scene.solver), Choices(microphone=MICROPHONE, modes=MODES, order_offset=0)
+    return PageState(run.session.view, microphone=MICROPHONE, run=run, choices=choices)
+
+
+def prepared(scene, settings):
+    """A run of solver joint on a scene, which shows the array a little off the truth."""
     measurement, solver = cached_measurement(scene), solvers.load("joint")
     problem = measurement.problem()
-    state = solver.init(problem, scene.solver, 0)
+    state = solver.init(problem, settings, 0)
     away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
     view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
-    run = prepare.PreparedRun(scene, measurement, problem, solver, SimpleNamespace(view=view), OpenRequest(scene))
-    choices = Choices(microphone=MICROPHONE, modes=MODES, order_offset=0)
-    return PageState(view, microphone=MICROPHONE, run=run, choices=choices)
-
-
-def map_request_of(state):
-    return state.choices.map_request(state.run, state.view, state.microphone)
+    session = SimpleNamespace(view=view, yield_to_ui=lambda: None)
+    return prepare.PreparedRun(scene, measurement, problem, solver, session, OpenRequest(scene))
 
 
 @pytest.fixture(scope="module")
 def drawn(snapshot, threads):
     """The map as the page shows it once nothing changes."""
-    return first(CostMapWorker(snapshot.run, threads), map_request_of(snapshot), True)
+    return first(CostMapWorker(snapshot.run, threads), snapshot, True)
 
 
 def test_the_caption_counts_the_modes_in_use_that_the_map_leaves_out(snapshot, drawn):
@@ -140,14 +141,7 @@ def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, mo
 @pytest.fixture(scope="module")
 def run():
     scene = load_scene("ball3d")
-    measurement, solver = cached_measurement(scene), solvers.load("joint")
-    problem = measurement.problem()
-    state = solver.init(problem, dataclasses.replace(scene.solver, modes=30), 0)
-    away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
-    view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
-    return prepare.PreparedRun(
-        scene, measurement, problem, solver, SimpleNamespace(view=view, yield_to_ui=lambda: None), OpenRequest(scene)
-    )
+    return prepared(scene, dataclasses.replace(scene.solver, modes=30))
 
 
 @pytest.fixture
@@ -161,8 +155,9 @@ def worker(run, threads):
     return CostMapWorker(run, threads)
 
 
-def first(worker, wanted, fine):
-    """The first map of a request, or the first fine one."""
+def first(worker, state, fine, **changes):
+    """The first map of what a page shows, some of it changed, or the first fine one."""
+    wanted = dataclasses.replace(state.choices.map_request(state.run, state.view, state.microphone), **changes)
 
     def newest():
         found, error = worker.newest(wanted, False, time.monotonic())
@@ -174,8 +169,7 @@ def first(worker, wanted, fine):
 
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, space):
     worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
-    coarse = first(worker, map_request_of(space), False)
-    fine = first(worker, map_request_of(space), True)
+    coarse, fine = (first(worker, space, fine) for fine in (False, True))
     assert fine.floor.rgb.shape > coarse.floor.rgb.shape
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
@@ -187,13 +181,9 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, spa
 
 
 def test_the_floor_below_the_isosurfaces_is_the_layer_of_the_estimate(worker, space):
-    wanted = map_request_of(space)
-    drawn = first(worker, wanted, True)
-    assert f"layer z = {wanted.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
-    costs = {
-        first(worker, dataclasses.replace(wanted, **change), False).lowest
-        for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
-    }
+    drawn, others = first(worker, space, True), ({}, {"microphone": 11}, {"modes": (2, 6)})
+    assert f"layer z = {drawn.request.state.positions[MICROPHONE][2]:.2f} m" in drawn.floor.bar.label
+    costs = {first(worker, space, False, **change).lowest for change in others}
     assert len(costs) == 3, "another microphone or other modes make another volume"
     out = np.array(space.view.state.positions)
     out[MICROPHONE, 2] = 9.0
@@ -210,10 +200,8 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     set_by_client(tab.kind, LABELS["volume"])
     assert binding.choices.kind == "volume" and not tab.quantity.visible
     choices = Choices(microphone=3, kind="volume", in_space=True)
-    kept = initial_choices(
-        dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
-    )
-    assert kept.volume, "as it was saved"
+    saved = OpenRequest(run.scene, choices=choices.to_save())
+    assert initial_choices(dataclasses.replace(run, opening=saved), 20, None).volume, "as it was saved"
     assert not initial_choices(work, 5, choices).volume, "another array gets none that it cannot have"
     wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
     with pytest.raises(InputError, match="order_offset"):
@@ -231,4 +219,4 @@ def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, t
         view = view_of([dataclasses.replace(end, positions=positions)])
         run = dataclasses.replace(snapshot.run, solver=solver, session=SimpleNamespace(view=view))
         page = PageState(view, microphone=MICROPHONE, run=run, choices=Choices(microphone=MICROPHONE, modes=modes))
-        assert said in caption(run, first(CostMapWorker(run, threads), map_request_of(page), False))
+        assert said in caption(run, first(CostMapWorker(run, threads), page, False))

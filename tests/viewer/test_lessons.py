@@ -35,13 +35,8 @@ def controls():
     calls = []
     view = SimpleNamespace(state=state(4, 9, False), history=[state()], running=False, error="")
     session = CallRecorder(calls, view=view)
-    binding = CallRecorder(
-        calls,
-        session=session,
-        modes=20,
-        call=lambda act: act(),
-        work=SimpleNamespace(scene=load_scene("tiny"), opening=None),
-    )
+    work = SimpleNamespace(scene=load_scene("tiny"), opening=None)
+    binding = CallRecorder(calls, session=session, modes=20, call=lambda act: act(), work=work)
     return SimpleNamespace(
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([]),
         microphones=SimpleNamespace(panel=lambda name: ""),
@@ -99,10 +94,6 @@ def page(server, controls):
     server.gui.reset()
 
 
-def text_of(lessons):
-    return lessons.caption
-
-
 def answers_of(lessons):
     """The words on the buttons of the answers that can be given."""
     buttons = re.findall(r"data-do='answer=\d+' class=''>(.*?)</button>", lessons.caption)
@@ -111,7 +102,7 @@ def answers_of(lessons):
 
 def steps_of(lessons):
     """The commands of the buttons below a step."""
-    return re.findall(r"data-do='(back|restore|next)'", text_of(lessons))
+    return re.findall(r"data-do='(back|restore|next)'", lessons.caption)
 
 
 def run_ends(page, lessons):
@@ -134,7 +125,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons = LessonsTab(page, [lesson])
     assert not lessons.caption
     lessons.open("3. Too many too soon")
-    assert "step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
+    assert "step 1 of 3" in lessons.caption and "being prepared" in lessons.caption
     assert not answers_of(lessons), "no question is asked before its picture is shown"
     lessons.show()
     assert page.calls == [], "nothing is set while another scene is still on the page"
@@ -142,7 +133,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons.show()
     assert ("use_modes", 1, 20, False) in page.calls and ("view", "top") in page.calls
     assert answers_of(lessons) == list(lesson.steps[0].choices), "the words of the answers are the buttons"
-    assert "being prepared" not in text_of(lessons)
+    assert "being prepared" not in lessons.caption
     page.calls.clear()
     lessons.answer(0)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
@@ -151,22 +142,22 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
         session.view = SimpleNamespace(state=state(finished=finished), history=[state()], running=running, error="")
         lessons.show()
         explained = finished and not running
-        assert ("After 7 sweeps" in text_of(lessons), "has ended" in text_of(lessons)) == (explained, not explained)
+        assert ("After 7 sweeps" in lessons.caption, "has ended" in lessons.caption) == (explained, not explained)
         assert (("choose", ("marks", (1, 10))) in page.calls) == explained, "what the text names is pointed out with it"
-    assert "Not quite." in text_of(lessons) and not answers_of(lessons)
+    assert "Not quite." in lessons.caption and not answers_of(lessons)
     lessons.answer(1)
-    assert "Not quite." in text_of(lessons), "the first answer counts"
+    assert "Not quite." in lessons.caption, "the first answer counts"
     page.calls.clear()
     lessons.go(1)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
-    assert steps_of(lessons) == ["back", "restore", "next"] and "step 2 of 3" in text_of(lessons)
+    assert steps_of(lessons) == ["back", "restore", "next"] and "step 2 of 3" in lessons.caption
     lessons.go(1)
     assert steps_of(lessons) == ["back", "restore"]
     lessons.end()
     assert not lessons.caption and f"{lesson.title}, step 3 of 3<" in lessons.list_html(), "where it was left"
     page.viewer = None
     lessons.open(lesson.name)
-    assert "step 3 of 3" in text_of(lessons) and page.opened[-1].scene.solver.name == "descent"
+    assert "step 3 of 3" in lessons.caption and page.opened[-1].scene.solver.name == "descent"
     page.calls.clear()
     page.ready()
     lessons.show()
@@ -220,7 +211,7 @@ def test_invalid_values_change_nothing(page):
 
 def test_a_setting_that_fails_is_shown_as_an_error(page):
     lessons = begun(page, Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene="tiny", modes="1-99")),)))
-    assert "1 to 20" in text_of(lessons)
+    assert "1 to 20" in lessons.caption
 
 
 def test_a_frame_is_shown_or_run_to(kernels):
@@ -254,6 +245,7 @@ def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_on
 
 
 SMALL = "tiny"
+MINE = Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))
 
 
 def controls_of(viewer):
@@ -307,7 +299,7 @@ def prepared(page):
 def test_a_lesson_depends_on_nothing_before_it(opened):
     """Its first step finds the controls with which a page begins."""
     page, turn_until = opened
-    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
+    lessons = page.lessons = LessonsTab(page, [MINE])
     lessons.open("Mine")
     turn_until(lambda: prepared(page))
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
@@ -321,8 +313,8 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
 
 def test_what_the_user_opens_during_a_lesson_stays(opened):
     page, turn_until = opened
-    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))])
-    first = page.viewer
+    lessons, first = LessonsTab(page, [MINE]), page.viewer
+    page.lessons = lessons
     lessons.open("Mine")
     turn_until(lambda: page.viewer is not first and page.switcher.idle)
     of_the_lesson, mine = page.viewer, OpenRequest(edited(load_scene(SMALL), {"title": "Mine"}))
@@ -340,11 +332,10 @@ def test_a_lesson_sets_what_it_says_and_every_control_is_as_it_was_after_it(open
     begins = {"scene": SMALL, "changes": {"solver.name": "descent"}}
     look = {"map": "relief", "scale": "linear", "trails": True, "ellipses": True, "minima": True, "view": "3d"}
     use = {"modes": "1-20", "automatic": True, "microphone": 9, "follow": False, "map_modes": "2-4"}
+    asked = "Look.", "Which?", ("one", "two"), 1, ""
     steps = (
-        LessonStep(
-            "Look.", "Which?", ("one", "two"), 1, "", LessonSetting(**begins, **use), LessonSetting(run="3 steps")
-        ),
-        LessonStep("Look.", "Which?", ("one", "two"), 1, "", LessonSetting(reset=True, **use, **look)),
+        LessonStep(*asked, LessonSetting(**begins, **use), LessonSetting(run="3 steps")),
+        LessonStep(*asked, LessonSetting(reset=True, **use, **look)),
         LessonStep("Look.", page=LessonSetting(**begins, map="none", quantity="eq7", order_offset=1)),
     )
     choices, lessons = page.viewer.binding.choices, LessonsTab(page, [Lesson("All", steps)])

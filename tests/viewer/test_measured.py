@@ -1,6 +1,5 @@
 """The page of a measurement without a scene, and of several takes."""
 
-import dataclasses
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -106,13 +105,13 @@ def takes(measurement):
     """Two takes of equal frequencies, each with a spectrum of its own: rows 1, 3, 5, ... are take 0."""
     f = np.linspace(90, 310, 111)
     spectra = [np.stack([f, 1 + peak * np.exp(-(((f - 200) / 20) ** 2))]) for peak in (9.0, 99.0)]
-    each = [dataclasses.replace(measurement, spectrum=spectrum) for spectrum in spectra]
-    each[1] = dataclasses.replace(each[1], pressures=1j * each[1].pressures[::-1])
+    each = [replace(measurement, spectrum=spectrum) for spectrum in spectra]
+    each[1] = replace(each[1], pressures=1j * each[1].pressures[::-1])
     return Measurement.from_takes(each)
 
 
 def test_every_place_of_the_source_is_drawn_with_its_take(takes):
-    scene, measurement = load_scene("two_places"), dataclasses.replace(takes, search=None)
+    scene, measurement = load_scene("two_places"), replace(takes, search=None)
     picture = static_picture(scene, measurement)
     for number, place in enumerate(scene.source.places):
         (mesh,) = [mesh for mesh in picture.meshes if mesh.name == f"source/{number}"]

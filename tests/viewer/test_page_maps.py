@@ -127,9 +127,8 @@ def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkey
 
 def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work):
     every, state = len(work.problem.frequencies), State(work.measurement.positions, last=6)
-    high = dataclasses.replace(
-        work, problem=dataclasses.replace(work.problem, wavenumbers=5.0 * np.arange(1, every + 1) + 0j)
-    )
+    problem = dataclasses.replace(work.problem, wavenumbers=5.0 * np.arange(1, every + 1) + 0j)
+    high = dataclasses.replace(work, problem=problem)
     modes = map_modes(high, state, None, 2)
     assert 0 < len(modes) < every and modes == tuple(range(1, len(modes) + 1))
     assert eq7_maps(high.problem, state.positions, 4, modes, 2).shape[0] == len(modes)

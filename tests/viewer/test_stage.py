@@ -163,9 +163,8 @@ def test_texts_are_sent_as_html_names_first(sent_scene, scene, measurement):
 @pytest.mark.parametrize("theme", [LIGHT, DARK, LECTURE_LIGHT, LECTURE_DARK], ids=["light", "dark", "lecture", "both"])
 def test_texts_have_the_colours_of_the_theme(scene, measurement, theme):
     dark, lecture = theme.background != (255, 255, 255), theme.marks > 1
-    drawn = with_estimate(
-        static_picture(scene, measurement, dark, None, lecture), measurement, measurement.positions, 3
-    )
+    still = static_picture(scene, measurement, dark, None, lecture)
+    drawn = with_estimate(still, measurement, measurement.positions, 3)
     assert f"color:rgb{theme.foreground}".replace(" ", "") in labels_html(drawn.labels, drawn.theme)
 
 

@@ -1,6 +1,5 @@
 """What the panels say: status, tables, remarks, and the verdict, when it comes and which channels do not count."""
 
-import dataclasses
 import re
 import time
 from dataclasses import replace
@@ -61,7 +60,7 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
     np.testing.assert_allclose(found.channels.gain_db, printed.channels.gain_db)
     assert ellipses_of(found).shape == (16, 2, 2) and ellipses_of(None) is None
-    other = dataclasses.replace(state, step=99)
+    other = replace(state, step=99)
     assert made.of(view_of([other]), now)[:2] == (None, True), "of another state"
 
 
@@ -80,13 +79,13 @@ def test_faulty_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_
     worker, states = VerdictWorker(work, threads), [State(work.measurement.positions, step) for step in range(2)]
     names = work.measurement.names
     judged = assessment("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
-    view = dataclasses.replace(view_of(states), lineage=object())
+    view = replace(view_of(states), lineage=object())
     sought = lambda view: worker.of(view, 0.0)[2].tolist()  # noqa: E731
     assert sought(view) == [3, 4, 5, 6, 7, 8, 9]
     worker._worker.latest = Delivery((states[1],), judged)
     assert sought(view) == [3, 4, 6, 7, 8, 9]
-    assert sought(dataclasses.replace(view, state=states[0])) == [3, 4, 6, 7, 8, 9], "another state of the same run"
-    assert sought(dataclasses.replace(view, state=states[0], lineage=object())) == [3, 4, 5, 6, 7, 8, 9]
+    assert sought(replace(view, state=states[0])) == [3, 4, 6, 7, 8, 9], "another state of the same run"
+    assert sought(replace(view, state=states[0], lineage=object())) == [3, 4, 5, 6, 7, 8, 9]
 
 
 @pytest.mark.parametrize("verdict", [None, "good", "model_mismatch"])
@@ -159,7 +158,7 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     assert cost_words(-41.237, measurement).startswith("-41.2 dB") and "unknown" in cost_words(np.nan, measurement)
     assert state_error_words(measurement, np.array([8e-6])) == "less than 0.01 mm off"
     assert "Running" in words.status(view_of([state], running=True), measurement)
-    assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
+    assert "unknown" in words.status(view_of([state]), replace(measurement, positions=None))
     evil = "<script>alert(1)</script>"
     for html in (words.status(view_of([state], error=evil), measurement), words.remark(evil)):
         assert "<script" not in html and "&lt;script" in html
@@ -179,8 +178,7 @@ def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(p
 
 
 def test_the_errors_over_the_distance_of_a_single_microphone_are_not_drawn(measurement):
-    one_sought = replace(
-        measurement, known=np.arange(9), known_positions=measurement.positions[:9]
-    )  # as in the opening
+    nine = measurement.positions[:9]
+    one_sought = replace(measurement, known=np.arange(9), known_positions=nine)  # as in the opening
     for measured, means in ((one_sought, 0), (measurement, 2)):
         assert lesson_panel("distance", measured, [State(measured.positions)], None).count("half ") == means
