@@ -500,7 +500,6 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
     rows = [one for one in FINDINGS if one.code == "ambiguous" and "another array" not in one.reason]
     names, known = [str(n) for n in range(len(estimate.positions))], estimate.problem.known
     sigma = np.sqrt(np.trace(covariance_of(estimate), axis1=1, axis2=2))
-    assert len(rows) == 4
     for row in rows:
         finding, seen = replace(row, applies=lambda *_: True, words=lambda _: "uncertain"), judged(estimate, names)
         of_modes = (replace(seen, estimate=replace(estimate, modes=m)) for m in (slice(0, 5), slice(None)))

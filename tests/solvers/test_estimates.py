@@ -9,9 +9,10 @@ from fields import measured
 from solving import run_from
 
 from fdcal import solvers
+from fdcal.model.gauge import rigid_motions
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
-from fdcal.solvers.robust import channels, noise, objective, result
+from fdcal.solvers.robust import channels, noise, objective, result, spread
 from fdcal.solvers.robust import objective as objectives
 from fdcal.solvers.robust.noise import with_silent_inside
 from fdcal.solvers.robust.objective import channel_step, in_unit_power, objective_of, unknowns_of, used_modes
@@ -33,6 +34,15 @@ def ended():
 def likelihood(problem, state) -> float:
     """The likelihood alone at `state`."""
     return objective_of(problem, state, used_modes(problem, state)).evaluate(unknowns_of(state), False).terms.cost
+
+
+def test_the_uncertainty_of_a_dead_channel_is_not_that_of_the_array():
+    problem, x = measured(TRUTH, [], snr_db=26, modes=10).problem(), TRUTH[:6]
+    healthy = np.repeat(np.arange(6) != 2, 2)
+    gauge = spread._gauge(replace(problem, frame=None), x, healthy)
+    assert np.abs(gauge @ rigid_motions(x)).max() < 1e-9, "no rigid motion is left"
+    only_dead = np.diag(np.where(healthy, 0.0, 1.0))
+    assert np.abs((gauge @ only_dead @ gauge.T)[healthy]).max() < 1e-9
 
 
 def test_a_gain_that_all_channels_share_goes_to_the_field_and_changes_no_likelihood(ended):

@@ -182,8 +182,8 @@ def test_arrivals_of_six_takes_are_not_outvoted():
     assert cost(end)[0] < minimize(cost, end.ravel(), jac=True).fun + chi2.isf(0.0027, 13) / 2
 
 
-@pytest.mark.parametrize("height", [0.0, 0.06])
-def test_an_array_is_flat_where_its_windows_show_no_heights(height):
+@pytest.mark.parametrize(("height", "dead"), [(0.0, False), (0.06, False), (0.0, True)])
+def test_an_array_is_flat_where_its_windows_show_no_heights(height, dead):
     """Windows of the model itself: eight microphones on a tilted plane, and with heights of 60 mm over it."""
     rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
     x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
@@ -192,7 +192,10 @@ def test_an_array_is_flat_where_its_windows_show_no_heights(height):
     K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1]), False)[0]
     L = np.linalg.cholesky(K + 0.02 * np.eye(8))
     z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
-    windows = ShortWindows(k * SOUND / (2 * np.pi), np.zeros(len(k), np.int64), z @ L.swapaxes(1, 2), 0.03)
+    p = z @ L.swapaxes(1, 2)
+    if dead:
+        p[..., 3] = rng.standard_normal((*p.shape[:2], 2)).view(complex)[..., 0]
+    windows = ShortWindows(k * SOUND / (2 * np.pi), np.zeros(len(k), np.int64), p, 0.03)
     assert is_flat(windows, SOUND) == (height == 0)
 
 

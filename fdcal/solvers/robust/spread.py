@@ -64,15 +64,16 @@ def claim_of(problem: Problem, state: State) -> Claim:
     except np.linalg.LinAlgError:  # C is singular with the more powerful field
         weakened = evaluated
     own, likely = objectives.quadratic(here, objective, evaluated), objectives.quadratic(here, objective, weakened)
-    gauge = _gauge(problem, state.positions)
-    newton = gauge @ likely.covariance @ gauge.T
     counted = np.repeat(noise.healthy(state.model), state.positions.shape[1])
+    gauge = _gauge(problem, state.positions, counted)
+    newton = gauge @ likely.covariance @ gauge.T
     data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
     if not len(problem.known):  # the size of a blind array is as uncertain as the sound speed
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)
-    excess = max(1.0, float(np.trace(spread.covariance)) / max(float(np.trace(own.covariance)), 1e-300))
+    claimed, least = (float(np.sum(np.diag(one)[counted])) for one in (spread.covariance, own.covariance))
+    excess = max(1.0, claimed / max(least, 1e-300))
     return Claim(objective, evaluated, weakened, likely, spread, excess)
 
 
@@ -132,16 +133,19 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
         yield whole, matrix
 
 
-def _gauge(problem: Problem, positions: Reals) -> np.ndarray:
-    """Return the projection (N D, N D) that removes rigid motions: by the frame or, without one, orthogonally."""
+def _gauge(problem: Problem, positions: Reals, counted: Bools) -> np.ndarray:
+    """Return the projection (N D, N D) that removes rigid motions, of the frame or else of the healthy microphones.
+
+    counted : (N D,) bool, coordinates of these. A dead channel has no position, and would move the array as a whole.
+    """
     size = positions.size
     if len(problem.known):
         return np.eye(size)
     R = rigid_motions(positions)
     if problem.frame is None:
-        Q = np.linalg.qr(R)[0]
-        return np.eye(size) - Q @ Q.T
-    fixed = _frame_rows(problem.frame, positions)
+        fixed = R.T * counted if np.sum(counted) >= R.shape[1] else R.T
+    else:
+        fixed = _frame_rows(problem.frame, positions)
     return np.eye(size) - R @ np.linalg.solve(fixed @ R, fixed)
 
 

@@ -319,6 +319,8 @@ def _minimised(
     return field, cost
 
 
+LOWEST_GROUPS = 5  # number of frequencies at which the coherence is examined
+MIN_COHERENCE = 0.2  # squared coherence with another microphone; that of a dead channel is 1 / (number of windows)
 FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
 HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, over its RMS radius
 
@@ -331,6 +333,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
     """
+    windows = windows.of_microphones(_correlated(windows))
     likelihood = likelihood_of(windows, sound_speed, np.zeros(int(windows.pressures.shape[2])))
     start = _coherent(likelihood, 3)
     if start is None or len(start) < MIN_MICROPHONES:
@@ -350,6 +353,19 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     spread = np.asarray(HEIGHT**2 * 3 * float(np.mean(x**2)) / values)
     squares = np.asarray((heights @ vectors) ** 2 / values)
     return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
+
+
+def _correlated(windows: ShortWindows) -> np.ndarray:
+    """Return which microphones have a clear coherence with another one at the lowest frequencies : (N,) bool.
+
+    A dead channel has none, and would be found anywhere.
+    """
+    p = windows.pressures[np.argsort(windows.frequencies)[:LOWEST_GROUPS]]
+    spectra = p.swapaxes(1, 2) @ np.conj(p)
+    power = np.real(np.diagonal(spectra, axis1=1, axis2=2))
+    coherence = np.abs(spectra) ** 2 / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
+    others = np.mean(coherence, axis=0) * (1 - np.eye(p.shape[2]))
+    return others.max(axis=0) > MIN_COHERENCE
 
 
 def _dispersion(
