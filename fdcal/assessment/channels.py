@@ -40,6 +40,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     squares = np.trace(covariance, axis1=1, axis2=2)  # of one sigma, metres
     by_position = POSITION_SIGMAS**2 * np.mean(k**2) * squares / estimate.problem.dimension
     least = np.clip(by_position, MIN_NOISE, MAX_BY_POSITION)
+    quiet = tau * estimate.field.noise_fraction < MAX_BY_POSITION  # then the phase of the channel is well determined
     tau = np.where(tau * estimate.field.noise_fraction < least, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     fraction = np.mean(1 / (terms.precision * variance), axis=0)  # of the variance, which the others do not predict
@@ -53,7 +54,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     for n, name in enumerate(names):
         if n in filtered and tau[n] < MAX_NOISE and not unpredicted[n]:
             faulty[n] = filtered[n]
-        elif abs(gains[n, 1]) > INVERTED_PHASE and tau[n] < MAX_NOISE:
+        elif abs(gains[n, 1]) > INVERTED_PHASE and (tau[n] < MAX_NOISE or quiet[n]):
             faulty[n] = ChannelFault(name, "inverted")
         elif tau[n] > MAX_NOISE or unpredicted[n]:
             faulty[n] = _unexplained(estimate, n, name, bool(unpredicted[n]))

@@ -333,10 +333,12 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
     """
-    windows = windows.of_microphones(_correlated(windows))
-    likelihood = likelihood_of(windows, sound_speed, np.zeros(int(windows.pressures.shape[2])))
+    correlated = _correlated(windows)
+    if np.sum(correlated) < MIN_MICROPHONES:
+        return False
+    likelihood = likelihood_of(windows.of_microphones(correlated), sound_speed, np.zeros(int(np.sum(correlated))))
     start = _coherent(likelihood, 3)
-    if start is None or len(start) < MIN_MICROPHONES:
+    if start is None:
         return False
     try:
         likelihood, field, axes = fitted(likelihood, [(start, STAGES)])
