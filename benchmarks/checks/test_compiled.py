@@ -27,7 +27,7 @@ problem, descent = cached_measurement(scene).problem(), load("descent")
 state = descent.init(problem, scene.solver, 0)
 for _ in range(20):
     state = descent.step(problem, state)
-basins.local_minima(descent.landscape(problem, state, 1, slice(0, 3)).sum(axis=0))
+basins.basins_of(descent.landscape(problem, state, 1, slice(0, 3)).sum(axis=0))
 after = signatures()
 called = {kernel.__name__ for kernel in before if before[kernel]}
 stored = [any(Path(kernels[one].stats.cache_path).glob(f"*.{one.__name__}-*.nbi")) for one in before if before[one]]
