@@ -10,6 +10,7 @@ import soundfile
 from recorded import FS, places, stationary_source, write_places
 from running import exit_code
 
+from fdcal.commands.options import progress_bar
 from fdcal.recordings import take
 
 COUNT, OTHER_SIDE = 14, (0.6, 0.5, 1.9)
@@ -131,6 +132,10 @@ def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkey
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     exit_code("record", "-o", tmp_path / "a.wav", "--replay", folder / "one.wav", "--seconds", 1, "--channels", 3)
     assert "recording 100 % |" in capsys.readouterr().err
+    with progress_bar("working") as progress:
+        progress(0.25)
+        progress(0.5)
+    assert capsys.readouterr().err.rpartition("working")[2].startswith("  50 % |")
 
 
 @pytest.mark.parametrize(("options", "words"), [

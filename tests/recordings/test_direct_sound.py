@@ -101,7 +101,7 @@ def test_a_file_keeps_them_and_leaves_out_microphones(imported, tmp_path):
     assert np.array_equal(fewer.arrivals, np.delete(times, [0, 4], axis=1), equal_nan=True)
 
 
-TIMES = np.zeros((1, 3)), np.zeros(16), np.full((1, 16), np.inf), np.full((1, 16), 1e9), [["a"] * 16]
+TIMES = np.zeros((1, 3)), np.zeros(16), np.zeros((0, 16)), np.full((1, 16), np.inf), np.full((1, 16), 1e9), [["a"] * 16]
 WRONG = [
     *(({"arrivals": times}, "arrivals") for times in TIMES),
     *(({"arrival_sigma": sigma}, "arrival_sigma") for sigma in (-1e-6, [1e-6, 1e-6])),

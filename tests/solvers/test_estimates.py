@@ -104,6 +104,19 @@ def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
     assert moved and np.linalg.norm(found.positions[7] - state.positions[7]) < 0.1
 
 
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.6, -0.8)])
+def test_a_local_search_reaches_a_third_of_the_shortest_wavelength(ended, direction):
+    problem, state = ended
+    used = used_modes(problem, state, channels.SEARCH_MODES)
+    wavelength = 2 * np.pi / problem.wavenumbers[used].real.max()
+    tau = np.where(np.arange(COUNT) == 7, 60.0, 1.0)
+    away = np.array(state.positions)
+    away[7] += wavelength / 3 * np.array(direction)
+    suspicious = replace(state, positions=away, model=replace(state.model, channel_noise=tau))
+    found, moved = channels.relocated(problem, suspicious, local=True)
+    assert moved and np.linalg.norm(found.positions[7] - state.positions[7]) < wavelength / 8
+
+
 # Laws of the noise that the likelihood solver assumes, and of what it accepts as the end of its search.
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fields import measured, waves
 from running import refuses
+from scipy.spatial.distance import pdist
 from solving import rms_of_shape
 
 from fdcal import solvers
@@ -90,6 +91,14 @@ def test_an_array_of_three_wavelengths(noise):
     assert rms_of_shape(unknown, x) < 0.2, "the noise is chosen by likelihood where none is reported"
     problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
     assert rms_of_shape(starts.affine(problem, len(K)), x) > 0.4, "the low modes are not affine over so large an array"
+
+
+def test_the_shape_of_a_start_does_not_depend_on_the_unit_of_length():
+    """Nor if the array is plane and the start is sought in space."""
+    x, k = np.pad(np.random.default_rng(1).uniform(0, 0.6, (12, 2)), ((0, 0), (0, 1))), np.linspace(1.0, 6.0, 100)
+    p = waves(x, k, 40, 1, 0.01)
+    metres, kilometres = (starts.coherence_start(p, k * unit, 0.01, 3, 3) for unit in (1.0, 1e3))
+    np.testing.assert_allclose(1e3 * pdist(kilometres), pdist(metres), rtol=0, atol=1e-9)
 
 
 def three_wavelengths(noise=1e-4, known=(), wrong=0.0):
