@@ -184,7 +184,7 @@ def with_settings(
     traits = load(settings.name).TRAITS
     for key, value in given.items():
         option = declaration(SolverSettings, key)[1]
-        if "solver" in option and (key not in traits.settings or (key == "start" and not traits.starts)):
+        if "solver" in option and key not in traits.settings:
             why, other = f'has no effect with solver.name = "{settings.name}"', option["solver"]
             raise refusal(key, value, why, f"leave out <{key}>, or use <solver> {other}")
         if "with_gains" in option and settings.gains == "fixed":

@@ -40,9 +40,9 @@ WRONG = {
     "known_sigma": [{"known": (0, 4, 8), "known_sigma": -1.0}, {"known_sigma": 0.005}],
     "kind": [{"kind": "speech"}],
     "takes": [{"takes": 101}],
-    "frequencies": [{"reverberation_time": 1e9}, *({"band": band} for band in ((300, 200), (20, 21), (5000, 6000)))],
+    "frequencies": [{"reverberation_time": 1e9}, {"band": (20.0, 21.0)}],
     "room": [
-        {"room": (5.0,)}, {"kind": "impulse"}, {"text": "ball 12 0.3", "room": (5.0, 4.0)},
+        {"kind": "impulse"}, {"text": "ball 12 0.3", "room": (5.0, 4.0)},
         # larger than the room: a plane, a ball that has no band either, an array in a plane room
         {"text": "rectangle 4x4 3x3", "room": (2.0, 4.0, 2.5)}, {"text": "ball 16 4", "room": (5.0, 4.0, 2.6)},
         {"text": "circle 16 0.3", "room": (5.0, 0.7)},
@@ -71,6 +71,9 @@ def moved(count: int, places) -> planning.Layout:
         (lambda: planning.PlanRequest(moved(8, {5: (-0.2, 0.0), 4: (-0.2, 0.0)})), "4 and 5 coincide"),
         (lambda: request_of("circle 16 0.3", room=(5.0, 0.7, 0.6)),
          r"the array, 0\.6 x 0\.6 m, does not fit .* 5 x 0\.7 x 0\.6 m.*smaller array or a larger"),
+        (lambda: request_of(room=(5.0,)), r"room = \[5\.0\] has 1 lengths"),
+        (lambda: request_of(band=(300.0, 200.0)), "300 to 200 Hz is not a band"),
+        (lambda: request_of(band=(5000.0, 6000.0)), "interpolates up to .* Hz, and the band begins at 5000 Hz"),
         (lambda: request_of("circle 12 0.02", band=(2000.0, 2004.0)),
          r"^2000\.0 to 2004\.0 Hz with a reverberation time of 0\.5 s hold"),
         (lambda: planning.PlanRequest(CENTIMETRES), "in metres, not in centimetres"),

@@ -173,7 +173,7 @@ CHANGES = [
     (put("model", "damped", "__import__('os')"), r"states\.model\.damped: Expected"),
     (put("progress", "stage", 6), r"progress\.stage = 6 must be from 0 to"), (put("progress", "rounds", -1), "rounds"),
     (put("positions", [99, 0]), "positions"), (put("model", "noise", [0, 0]), "noise"),
-    (put("model", "contradicted", True), "contradicted"), (put("optima", [[1, 2]]), "optima"),
+    (put("model", "contradicted", True), "contradicted: it refers to"), (put("optima", [[1, 2]]), "optima"),
 ]  # fmt: skip
 
 
