@@ -23,7 +23,9 @@ MIN_NOISE = 1e-4
 # Noise below what an error of the position of three sigmas causes is not a fault either, up to a fraction of 1 %
 POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
-UNPREDICTED_TO_MEDIAN = 3.0  # factor by which this fraction must also exceed that of the median channel
+# Factor by which this fraction must also exceed that of a usual channel: this quantile is still one of a healthy
+# channel if half of the channels are dead.
+UNPREDICTED_TO_USUAL, USUAL = 3.0, 0.4
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:
@@ -44,7 +46,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     tau = np.where(tau * estimate.field.noise_fraction < least, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     fraction = np.mean(1 / (terms.precision * variance), axis=0)  # of the variance, which the others do not predict
-    unpredicted = (fraction > UNPREDICTED) & (fraction > UNPREDICTED_TO_MEDIAN * np.median(fraction))
+    unpredicted = fraction > max(UNPREDICTED, UNPREDICTED_TO_USUAL * np.quantile(fraction, USUAL))
     unpredicted[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
     # The solver's prior sigma excludes channels with gross faults. Where all channels differ by several decibels, it
     # excludes too many, and the median deviation of all channels is larger.

@@ -62,8 +62,8 @@ class Judged:
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
-    # probability that given positions and pressures disagree by chance as much as they do or, if the solver did not get
-    # the given positions, that these and the array found do; 1 if it cannot be computed
+    # probability that given positions disagree by chance as much as they do: with the pressures or, if the solver did
+    # not get them, with the array found; 1 if it cannot be computed
     agreement: float
     # metres, largest sigma of a known microphone without its own given position; 0 if none is known, infinite if too
     # few given positions are right to place the array
@@ -104,14 +104,17 @@ class Judged:
         "noisy" count as well, because a source can cause their noise. If no other channel is uneven, however, these are
         faults of single channels, and no channel counts as uneven.
         """
-        channels, counted = self.estimate.channels, self.healthy.copy()
-        noisy = [n for n, one in self.faulty.items() if one.kind == "noisy"]
-        counted[noisy] = True
+        channels, counted = self.estimate.channels, self.healthy | self.noisy
         behind = channels.noise[counted]
         before = behind * np.exp(2 * channels.gains[counted, 0])
         high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
         high &= behind * self.noise_fraction > UNEVEN_FRACTION
-        return high & np.any(high & ~np.isin(np.flatnonzero(counted), noisy))
+        return high & np.any(high & self.healthy[counted])
+
+    @property
+    def noisy(self) -> np.ndarray:
+        """Which channels have the fault "noisy" : (N,) bool."""
+        return np.isin(np.arange(len(self.names)), [n for n, one in self.faulty.items() if one.kind == "noisy"])
 
 
 # Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
@@ -123,6 +126,14 @@ UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the
 ROOM_RESIDUAL = 1e-3
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
+
+
+def _many_faulty(seen: Judged) -> str:
+    count, kinds = len(seen.faulty), {one.kind for one in seen.faulty.values()}
+    named = f"microphone {listed(one.name for one in seen.faulty.values())}"
+    unused = " and not used" if kinds <= {"dead", "noisy"} else ""
+    rest = f"the other {len(seen.names) - count} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
+    return f"{count} of {len(seen.names)} channels are faulty{unused}, {named}; {rest}, but are too few for a check"
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -162,8 +173,8 @@ def _good(seen: Judged) -> str:
     if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
         words += f"; the given positions are inaccurate, one sigma {length_text(given_estimate.sigma, 2)}"
     if seen.estimate.window_ratio > CONTRADICTION:
-        sigmas = np.sqrt(seen.estimate.window_ratio)
-        words += f"; short windows and frequencies differ by {sigmas:.1f} sigma, so that both count less"
+        sigmas = f"{np.sqrt(seen.estimate.window_ratio):.1f} sigma"
+        words += f"; the arrays by short windows and by long spectra differ by {sigmas}, which enlarges one sigma"
     if not seen.faulty:
         return f"nothing speaks against these positions; {words}"
     faults = faults_text(seen.faulty.values())
@@ -174,7 +185,7 @@ INACCURATE = 2.0  # sigma of the given positions over the expected one above whi
 CONTRADICTION = 4.0  # reduced chi-square of the difference of two estimates above which the message mentions it
 
 
-def precision(sigma: np.ndarray, residual: float | None) -> str:
+def precision(sigma: np.ndarray, residual: float | None = None) -> str:
     """Return one sigma (N,), metres, in words, with the residual over the given noise if noise is given."""
     text = f"one sigma {length_text(root_mean_square(sigma), 2)}"
     return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
@@ -237,15 +248,14 @@ FINDINGS: tuple[Finding, ...] = (
             0.3, "noise over the power; above this the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array, because there are hardly any reflections"),
+    Finding("model_mismatch",  # if most of the faulty channels are noisy, the field model may be the cause: see below
+            lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names), 2 * seen.noisy.sum()),
+            _many_faulty, "check their cables and gains",
+            0.3, "fraction of channels with any fault; above this too few healthy channels remain to compare with"),
     Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
             "", 0.12, "fraction of channels that the field does not explain; more have a common cause"),
-    Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
-            lambda seen: f"{len(seen.faulty)} of {len(seen.names)} channels are faulty, microphone"
-                         f" {listed(one.name for one in seen.faulty.values())}: too few healthy channels remain",
-            "check their cables and gains",
-            0.3, "fraction of channels with any fault; above this too few healthy channels remain to compare with"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
@@ -256,8 +266,7 @@ FINDINGS: tuple[Finding, ...] = (
                          f" (Eq. 9), but modes up to {seen.highest:.0f} Hz are in use",
             "use more microphones closer together", reason="modes above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
-            lambda seen: "the solver ended while microphones still moved, by up to"
-                         f" {seen.step_left:.2g} times their one sigma", "",
+            lambda seen: f"the solver ended while microphones still moved, by up to {seen.step_left:.2g} sigma", "",
             3.0, "Newton step left over one sigma"),
     Finding("known_position", _few_right,
             lambda seen: f"known microphone {listed(one.name for one in seen.wrong_given)}: the position given"
@@ -314,8 +323,8 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("ambiguous",
             lambda seen, limit: bool(len(seen.estimate.problem.known))
             and seen.loosest >= max(limit, 3 * seen.uncertain),
-            lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
-                         f" place that microphone only to {length_text(seen.loosest, 2)}",
+            lambda seen: "an error of a given position would not be noticed: without its own, the sigma of that"
+                         f" microphone would be {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),
     Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),

@@ -63,6 +63,11 @@ def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
     return f"{text} of {f'take {takes[0]}' if len(takes) == 1 else f'{len(takes)} takes'}"
 
 
+def plane_words(measurement: Measurement) -> str:
+    """Return a sentence on an array in a room whose heights are not sought; "" for any other array."""
+    return "all microphones are sought in one plane" if measurement.array_dimension < measurement.dimension else ""
+
+
 def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
     """Return the names of the modes of a map, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
     first, last, count = modes[0], modes[-1], len(modes)
@@ -124,7 +129,7 @@ def result_sentences(
     if result.cost_db is not None:
         said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
     numbers = result.counted(given)
-    error = "unknown, because no true positions are given"
+    error = ""
     if result.mean_error is not None and result.max_error is not None:
         truth = truth or ("the nominal positions" if nominal else "the truth")
         faultless = " without a faulty channel" if len(result.healthy) < len(result.names) else ""
@@ -133,7 +138,8 @@ def result_sentences(
         error = f"{error_words(result)} over {over}"
         error += f", moved as a whole onto {truth}" if result.aligned else f", against {truth}" if nominal else ""
     if result.uncertainty is not None:
-        error += f"; one sigma {length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)}"
+        sigma = length_text(float(np.sqrt(np.mean(result.uncertainty[numbers] ** 2))), 2)
+        error += f"; one sigma {sigma}" if error else f"expected: one sigma {sigma}"
     said["error"] = error
     if (evidence := result.evidence) is not None:
         overall, each, modes = evidence.leave_one_out_db, evidence.microphones_db, evidence.frequencies_db
@@ -200,13 +206,13 @@ def error_words(result: Calibration) -> str:
 
 
 def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> tuple[str, str, str]:
-    """Return the name of errors (K,), metres, their figures, and remarks on the comparison.
+    """Return the name of errors (K,), metres, their figures, and remarks on the comparison; all "" without errors.
 
     errors : None if the true positions are unknown; aligned : whether the array was moved as a whole onto the positions
     with which it is compared; nominal : whether these are nominal
     """
     if errors is None:
-        return "error", "unknown (no true positions)", ""
+        return "", "", ""
     figures = length_text(float(errors[0]))
     if len(errors) > 1:
         figures = f"mean {length_text(float(errors.mean()))}, largest {length_text(float(errors.max()))}"
@@ -215,9 +221,9 @@ def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool 
 
 
 def error_line(errors: np.ndarray | None, aligned: bool = False, nominal: bool = False) -> str:
-    """Return `error_parts` in one line."""
+    """Return `error_parts` in one line; "" without errors."""
     noun, *others = error_parts(errors, aligned, nominal)
-    return f"{noun}: {', '.join(filter(None, others))}"
+    return f"{noun}: {', '.join(filter(None, others))}" if noun else ""
 
 
 def state_error_words(measurement: Measurement, errors: np.ndarray | None, faulty: int = 0) -> str:

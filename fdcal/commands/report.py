@@ -10,19 +10,21 @@ from ..assessment import words
 from ..assessment.calibration import FAULTS, Calibration
 from ..assessment.position_check import MAX_SCALE, ListFit, PositionCheck, compare_positions, fit_result, size_ratio
 from ..model.measurement import Measurement
-from ..model.validation import length_text
+from ..model.validation import length_text, word_arguments
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 # Heads of the lines of a summary, in their order.
-HEADS = ("modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict")
+HEADS = ("array", "modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict")
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
     """Return a summary of a calibration: seven lines, and more for the sound speed or the channels."""
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
-    said["list"] = inputs.remark
+    said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
+    if said["array"] and inputs.scene is None:
+        said["array"] += word_arguments("; in space: import with <array_dimension> 3", OPTIONS)
     sigma = result.sound_speed_sigma
     if inputs.distance is not None or sigma is not None:
         certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"
@@ -48,6 +50,8 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
 
 UNITS_APART = 2.0  # a list whose size differs by at least this factor counts as one in another unit
+TWO_MOTIONS = "the distances below differ from the line error: here the array is moved onto the rows that fit"
+MAX_APART = 0.05  # relative difference of the largest distances by two alignments above which a sentence explains it
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
@@ -61,11 +65,12 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
     names = inputs.labels or inputs.measurement.names
     lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
+    error = (result.aligned and result.max_error) or 0.0
+    if abs(check.errors.max() - error) > MAX_APART * error > 0:
+        lines.insert(-len(names), TWO_MOTIONS)
     if _size_is_open(inputs, result):
-        lines.append(
-            f"the size of the array found is not to be trusted ({result.verdict}): the array is scaled to the size of"
-            " the list for this comparison"
-        )
+        size = f"the size of the array found is not to be trusted ({result.verdict})"
+        lines.append(f"{size}: the array is scaled to the size of the list for this comparison")
     return "\n".join(lines)
 
 

@@ -23,7 +23,7 @@ import viser
 from viser import _messages
 
 from .. import solvers
-from ..assessment.words import NOT_STARTED, band_label, state_error_words, state_word
+from ..assessment.words import NOT_STARTED, band_label, plane_words, state_error_words, state_word
 from ..graphics.replay import filled
 from ..model.arrays import positions_of
 from ..model.gauge import fixes_gauge
@@ -344,7 +344,7 @@ class Explore:
         verdict = [] if viewer.found is None else [viewer.found.verdict]
         word = state_word(view.state, view.running, view.error, *verdict)
         word = "Start of a new run" if word == NOT_STARTED else word
-        return escape((": " if ";" in word else ", ").join(filter(None, (word, error))))
+        return escape((": " if ";" in word else ", ").join(filter(None, (word, error, plane_words(measurement)))))
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name

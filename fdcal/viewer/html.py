@@ -95,7 +95,7 @@ def status(
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = words.error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
-    if left_out:  # this word replaces the other one, since another line would move the buttons
+    if error and left_out:  # this word replaces the other one, since another line would move the buttons
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     kept = state.best_positions is not state.positions  # while the run tries another start
@@ -108,8 +108,9 @@ def status(
         + f"{comma}<span style='white-space: nowrap'>{largest}</span>" * bool(largest)
         + f"<br>{DIM}{compared}</span>" * bool(compared),
         "Cost": cost.replace(" (", f" {DIM}(") + "</span>",
+        "Array": words.plane_words(measurement),
     }
-    cells = "".join(f"<tr><td>{name}</td><td>{text}</td></tr>" for name, text in rows.items())
+    cells = "".join(f"<tr><td>{name}</td><td>{text}</td></tr>" for name, text in rows.items() if name and text)
     faults = [view.error[:MAX_ERROR_LENGTH]] if view.error else []
     faults += [f"The page could not be updated: {fault[:MAX_ERROR_LENGTH]}"] if fault else []
     lines = "".join(

@@ -117,6 +117,15 @@ def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mi
     assert np.max(errors(found, healthy)) < 0.012
 
 
+def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_them(estimate):
+    dead, field = np.setdiff1d(np.arange(COUNT), KNOWN)[:10], estimate.field
+    precision, power = np.array(field.terms.precision), field.power[:, None] + field.noise[:, None]
+    precision[:, dead] = 1 / power  # the others predict nothing of them
+    found = assess(replace(estimate, field=replace(field, terms=replace(field.terms, precision=precision))), NAMES)
+    assert [fault.kind for fault in found.channels.faults] == 10 * ["dead"] and found.verdict == "model_mismatch"
+    assert found.message.startswith("10 of 20 channels are faulty and not used, microphone")
+
+
 def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
     p, rng = np.array(healthy.pressures), np.random.default_rng(6)
     power = np.mean(np.abs(p) ** 2, axis=1)

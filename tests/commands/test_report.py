@@ -54,6 +54,8 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     assert f"one sigma {sigma}" in found.verdict_text, "the verdict has the same number"
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
     assert line_of(summary(inputs, unknown), "error").endswith(f"one sigma {sigma}")
+    room = replace(inputs, measurement=replace(inputs.measurement, dimension=3), scene=None)
+    assert "sought in one plane; in space: import with --array-dim" in line_of(summary(room, found), "array")
 
 
 # What the plot commands write beside a picture.

@@ -253,6 +253,7 @@ def of_channel(number: int, values):
         ("nothing.wav", lambda path: None, "No such file"),
         ("a.doc", lambda path: path.write_text("x"), "fdcal cannot read the format of"),
         ("a.txt", lambda path: path.write_text("x"), "not a table of samples; give one line for each time"),
+        ("a.csv", lambda path: path.write_text("16000\n0.1,0.2\n0.3,0.4"), "lines of 1 and of 2 numbers; give"),
         ("a.csv", lambda path: path.write_text("name,x,y\n0,1,2\n"), "a table of positions; give it as positions"),
         ("a.npy", lambda path: np.save(path, SAMPLES),
          'no sampling rate beside "a" (5 channels, 400 samples); give rate'),

@@ -60,6 +60,8 @@ def test_what_is_nominal_is_not_called_true_nor_its_distance_an_error(array):
     view, measurement = array.session.view, array.measurement
     text = html.status(view, measurement)
     assert "Deviation" in text and "from nominal, after alignment" in text and "Error" not in text
+    plane = replace(measurement, positions=None, known_positions=None, array_dimension=2, search=None)
+    assert "sought in one plane" in html.status(view, plane)
     assert "800 rows of 4 takes, 82 to 1224 Hz" in text and "all modes" not in text
     picture = with_estimate(static_picture(None, measurement), measurement, view.state.positions)
     assert {"nominal", "deviation"} <= {entry.text for entry in legend_of(picture)}

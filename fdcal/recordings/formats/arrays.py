@@ -198,6 +198,10 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
             raise InputError(f"{path} is a table of positions", "give it as <positions>", key="positions")
         if begins == len(lines):
             raise InputError(f"{path} is not a table of samples", wanted)
+        widths = [len(line.split(delimiter)) for line in lines[begins:]]
+        if min(widths) < max(widths):
+            problem = f"{path} has lines of {min(widths)} and of {max(widths)} numbers"
+            raise InputError(problem, f"{wanted}; delete any other line, such as a sampling rate, and give <rate>")
         table = np.loadtxt(lines[begins:], delimiter=delimiter, ndmin=2)
     first, wide = table[:, 0], table.shape[1] > 1
     counting = wide and np.array_equal(first - first[0], np.arange(len(first)))
