@@ -14,7 +14,7 @@ from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import session as module
 from fdcal.session.session import Session, SolverRun, StateCosts
-from fdcal.session.worker import Lane, LatestWorker
+from fdcal.session.worker import Lane, LatestWorker, Scheduler
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
 
@@ -249,6 +249,14 @@ def test_worker_runs_the_newest_request_only():
     assert worker.close(WAIT)
 
 
+def test_the_threads_of_a_page_end_after_the_work_in_progress():
+    threads, began, done = Scheduler(), threading.Event(), []
+    threads.worker(lambda _: (began.set(), time.sleep(0.2), done.append("work"))).request(0)
+    assert began.wait(WAIT)
+    threads.close(WAIT)
+    assert done == ["work"]
+
+
 def test_workers_of_a_lane_take_turns_and_a_long_computation_gives_way_between_its_parts():
     lane, done, gate, told = Lane("fdcal-lane"), [], threading.Semaphore(0), []
 
@@ -390,7 +398,7 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make, monkey
         session.place(1, (0.001 * moves, 0.5), gesture="drag")
         assert session.wait_for(lambda view, x=0.001 * moves: view.state.positions[1][0] == x, WAIT)
         assert not math.isnan(session.view.cost), "that of a place just before"
-    assert moves > 2 * reference_cost.used
+    assert moves > 2 * reference_cost.used and session.view.costs.duration == pytest.approx(0.02, abs=0.02)
     while session.view.costs.missing(session.view.history):
         assert time.monotonic() < end + WAIT
         time.sleep(0.01)

@@ -8,6 +8,7 @@ from fields import disc, measured
 from solving import rms, rms_of_shape, solved
 
 from fdcal.model.validation import frozen_array
+from fdcal.solvers import load
 from fdcal.solvers.robust.given import FreeArray, free_array, hypotheses, mirror_advantage, resolved
 from fdcal.solvers.robust.objective import Unknowns, in_unit_power
 
@@ -104,6 +105,14 @@ def test_the_array_is_that_without_the_wrong_position(sound):
     away = np.linalg.norm(end.assessment.positions - without.positions, axis=1)
     assert np.max(away / without.uncertainty) < 0.5
     assert end.state.model.contradicted.tolist() == [False, False, True, False, False, False]
+
+
+def test_how_probable_given_positions_are_does_not_depend_on_where_near_the_minimum_a_run_has_ended(sound):
+    end, away = solved(sound), 3e-4 * np.random.default_rng(0).normal(size=sound.positions.shape)
+    away[KNOWN] = 0.0
+    beside = load("robust").result(end.problem, replace(end.state, positions=end.state.positions + away))
+    one, other = (estimate.given.probability(np.arange(len(KNOWN))) for estimate in (end.estimate, beside))
+    assert other == pytest.approx(one, abs=0.02)
 
 
 def test_positions_that_are_all_inaccurate_bend_no_array(sound):
