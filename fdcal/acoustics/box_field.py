@@ -52,7 +52,8 @@ MAX_TERMS = 40_000
 BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
 POINTS = 6  # points of the spectrum in the width of a line
-STEPS = 4.0  # number of steps from a rigid to an absorbing wall, over |h| l; each takes a few Newton iterations
+# Number of steps from a rigid to an absorbing wall, divided by |h| l. Each step takes a few Newton iterations.
+STEPS = 4.0
 MAX_STEPS = 100
 NEWTON_STEPS = 12  # iterations for the eigenvalues between absorbing walls, at most
 
@@ -149,7 +150,8 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
 def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return kappa (B, count), rad/m, and the eigenfunctions, of unit mean square integral, at x : (B, count, len(x)).
 
-    B is len(k) for absorbing walls, else 1. About the middle the eigenfunctions are alternately cosines and sines.
+    B is len(k) for absorbing walls, else 1. About the middle
+    of the axis the eigenfunctions are alternately even (cosines) and odd (sines).
     """
     n = np.arange(count)
     kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]

@@ -20,7 +20,7 @@ import numpy as np
 from ..model.validation import Complexes
 
 RADII = np.geomspace(0.005, 30.0, 400)  # metres, candidates
-INCOHERENT = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of the power that are tried
+INCOHERENT = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of incoherent power that are tried
 SCATTER = 1.0  # coherent power at high frequencies relative to that of independent channels
 MAX_PHASE = 2.0  # k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown
 MIN_FREQUENCIES = 6

@@ -192,7 +192,7 @@ def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative over z, of z not negative."""
+    """Return sin(z) / z and its derivative divided by z, for z >= 0."""
     z = np.asarray(z, float)
     half = np.tan(z / 2)
     weight = 2 / (1 + half * half)
@@ -208,7 +208,7 @@ def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative over z, of the square of a complex z: entire functions of it."""
+    """Return sin(z) / z and its derivative divided by z, from z^2, complex: both are entire functions of z^2."""
     w = np.asarray(square, complex)
     small = np.abs(w) < SMALL_SINC**2
     w = np.where(small, 1.0, w)

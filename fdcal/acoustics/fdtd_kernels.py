@@ -3,10 +3,11 @@
     sweep         several steps of a strip of rows: spans, wall cells, source, microphones
     march         many steps of the grid, its strips distributed over the threads
 
-Steps are taken in blocks of BLOCK (split tiling in time): each thread advances its strip of rows by the whole block,
-one row fewer a step at every border with another strip; the triangles left out are filled in afterwards. So the threads
-synchronise twice a block instead of once a step, and other load on the machine delays them little. Within a strip the
-rows are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
+Steps are taken in blocks of BLOCK (split tiling in time). Each thread advances its strip of rows by the whole block. At
+every border with another strip it advances one row less in each step than in the step before, and the triangles that
+are left out are filled in afterwards. So the threads synchronise twice a block instead of once a step, and other load
+on the machine delays them little. Within a strip the rows are visited as a wave front of DEPTH steps. Both orders
+compute the same numbers as one step after another.
 """
 
 import functools

@@ -106,7 +106,7 @@ def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
     """
     positions, takes = positions_of(scene), []
     for number, modes in enumerate(fields):
-        take = [number] if number else []  # the noise of the first take is that of a source with one position
+        take = [number] if number else []  # the first take gets the same noise as a source with one position
         noise, noise_of_dead = (np.random.default_rng([scene.seed, stream, *take]) for stream in (1, 3))
         takes.append(
             draw_measurement(

@@ -146,7 +146,7 @@ def require_duration(duration: float, resolution: float, line_width: float) -> N
         raise refusal("source.duration", duration, why, remedy, "s")
 
 
-# Power series of 1 - J_0(z) in z^2, highest power first: computed directly, small z would lose half the digits.
+# Power series of 1 - J_0(z) in z^2, highest power first. Direct computation would lose half the digits of a small z.
 ONE_MINUS_J0 = [-((-0.25) ** m) / math.factorial(m) ** 2 if m else 0.0 for m in range(25, -1, -1)]
 
 

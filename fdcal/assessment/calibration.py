@@ -112,8 +112,8 @@ class ChannelFault:
         A key of `FAULTS`: of a result "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or
         "exchanged", see `fdcal.assessment.channels`.
     value : float or None
-        Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
-        that of the others in hertz, or distance from the given position in metres.
+        Gain or noise relative to the median channel in decibels, phase in degrees, delay in seconds, corner frequency
+        minus that of the others in hertz, or distance from the given position in metres.
     unit : str
         Of the value: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
     partner : str or None

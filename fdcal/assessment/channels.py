@@ -20,7 +20,7 @@ INVERTED_PHASE = 2.5  # radians, absolute phase above which a channel counts as 
 MAX_NOISE = 12.0  # noise over that of the median channel above which a channel is noisy
 # fraction of the power below which noise is not a fault, because the misfit of the field model may cause it
 MIN_NOISE = 1e-4
-# Noise below what an error of the position of three sigmas causes is not a fault either, up to a fraction of 1 %
+# Noise that a position error of three sigmas can cause is not a fault either, as long as it is below 1 % of the power.
 POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
 # Factor by which this fraction must also exceed that of a usual channel: this quantile is still one of a healthy
@@ -126,8 +126,8 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
 # A given position is wrong if its microphone is farther away than both limits, in sigmas and in metres.
 MISPLACED_SIGMAS = 3.0
 MIN_MISPLACED = 0.006
-# Two microphones are exchanged if one is closer to the other's given position than the larger of two limits, in sigmas
-# and in metres, and than a fraction of the distance from its own given position.
+# Two microphones are exchanged if the second one stands at the given position of the first: closer than the larger of
+# two limits, in sigmas and in metres, and closer than this fraction of the distance of the first one.
 EXCHANGED_SIGMAS = 3.0
 MIN_EXCHANGED = 0.005
 EXCHANGED_FRACTION = 0.3

@@ -20,8 +20,8 @@ C describes one minimum. The spread of the search describes the distances betwee
 
 d_en is the distance of microphone n between optimum e and the likeliest one.
 
-Before a measurement the uncertainty has the Cramer-Rao bound, from the Fisher information of a diffuse field on
-positions, channel gains and the sound speed:
+Before a measurement the Cramer-Rao bound is the least possible uncertainty. It follows from the Fisher information of a
+diffuse field on positions, channel gains and the sound speed:
 
     C_m      = G [s_m kappa(k_m r_ij) + v_m I] G^H,   G = diag exp(a_n + j b_n)
     F_tu     = sum_m tr(C^-1 dC/dt C^-1 dC/du)         complex Gaussian pressures (Slepian 1954, Bangs 1971)

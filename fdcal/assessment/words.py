@@ -127,7 +127,7 @@ def result_sentences(
     if end == "Ended":
         said["run"] += f"; {STEP_LEFT}"
     if result.cost_db is not None:
-        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
+        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, all modes that the microphones can carry)"
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:
@@ -195,8 +195,11 @@ def clock_words(kind: str, value: float, since: float) -> str:
 
 
 def faults_text(faults: Iterable[ChannelFault]) -> str:
-    """Return the faults of several microphones, as in "microphone 4: dead; microphone 17: inverted"."""
-    return "; ".join(f"microphone {fault.name}: {fault_words(fault)}" for fault in faults)
+    """Return the faults of several microphones, as in "microphones 4 and 9: dead; microphone 17: inverted"."""
+    names = dict[str, list[str]]()
+    for fault in faults:
+        names.setdefault(fault_words(fault), []).append(fault.name)
+    return "; ".join(f"microphone{'s' * (len(of) > 1)} {listed(of)}: {fault}" for fault, of in names.items())
 
 
 def error_words(result: Calibration) -> str:

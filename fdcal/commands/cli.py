@@ -195,11 +195,11 @@ def simulate(scene: str, output: str, force: bool):
 @click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
 @opt.solver_option
 @opt.solver_options
-@opt.option("--gain-sigma DB,DEG", "Spread of the channels, as 1dB,5deg.  [default: estimated]", type=opt.gain_sigma)
+@opt.option("--gain-sigma DB,DEG", "Spread of gain and phase, as 1dB,5deg.  [default: estimated]", type=opt.gain_sigma)
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "Distance of two microphones, where none is known: sets size and sound speed.",
+@opt.option("--distance I,J,METRES", "Distance of two microphones, if none is known; it gives size and sound speed.",
             type=opt.distance)  # fmt: skip
 @opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")

@@ -73,8 +73,8 @@ def doctor(sources, positions, **recorded):
     """Check whether a recording, or a published data set, is what it claims to be.
 
     FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
-    different; responses that wrap round; clocks that differ; whether there is one sound field, and a measured one;
-    whether the list fits.
+    different; responses that wrap round; clocks that differ; whether there is one sound field, and whether it was
+    measured or simulated; whether the list fits.
 
     The exit code is 5 if the list does not fit, else 4 if anything else is at fault or nothing can be said of the list.
     """

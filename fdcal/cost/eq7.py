@@ -288,7 +288,7 @@ class FieldExpansion:
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps
 
 
-ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error is that of a centimetre
+ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error has the effect of a centimetre
 MIN_MODES = 3  # with fewer carried modes the order is lowered
 LOWEST = 1e-16  # least relative cost in decibels
 

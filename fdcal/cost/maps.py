@@ -1,6 +1,6 @@
 """Maps of the cost of moving one microphone, for display: planes, lines and volumes of any resolution.
 
-    eq7_maps, cost_volume  Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
+    eq7_maps, cost_volume           Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
     descent_maps                    Eq. 7 as a step of descent minimises it
     likelihood_maps                 the likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page asks for it
@@ -49,7 +49,7 @@ MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the sa
 FINE = 500  # points along the longer edge of a fine map
 
 
-# Chebyshev nodes over a search domain, and from them to a lattice.
+# Chebyshev nodes over a search domain, and the interpolation from them to a lattice.
 
 
 def area(search: Search, dimension: int = 2) -> np.ndarray:
@@ -301,7 +301,7 @@ def likelihood_maps(
 
         cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
 
-    `noise` (modes,), v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact.
+    `noise` (modes,), v, in the unit of abs(pressures)**2; the maps are exact if it is at least 1e-6 of the power.
     """
     x, domain = np.ascontiguousarray(positions, float), eq7.search_domain(problem)
     if not np.isfinite(x).all():
@@ -387,8 +387,8 @@ def partial_sums(
 ) -> Iterator[PartialSum]:  # fmt: skip
     """Yield the map of the first of `modes`, of the first two, and so on to all of them.
 
-    The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
-    how many modes the sums have that are yielded, ascending, 1 to P unless given.
+    The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts`,
+    ascending, are the numbers of modes whose sums are yielded, 1 to P unless given.
     """
     search = eq7.search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts

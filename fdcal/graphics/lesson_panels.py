@@ -52,7 +52,7 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
     if name == "prediction":
         errors = np.array(found.evidence.microphones_db)
         faulty = [measurement.names.index(fault.name) for fault in found.channels.faults]
-        labels = "microphone", "error of what the others predict (dB re its power)"
+        labels = "microphone", "error of the prediction by the others (dB re power)"
         return chart(np.arange(len(errors)), errors, labels, red=faulty)
     return ""
 

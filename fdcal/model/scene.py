@@ -423,7 +423,7 @@ class Gauge:
             raise InputError("gauge needs either gauge.known or gauge.free", "give exactly one", key="gauge.known")
 
     def indices(self, count: int) -> tuple[int, ...]:
-        """Return the known microphones of an array of `count`, ascending; InputError for one lacking or given twice."""
+        """Return the known microphones of an array of `count`, ascending; InputError for impossible or equal ones."""
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
         wrong = [n for n, times in Counter(given).items() if not 0 <= n < count or times > 1]
         if wrong:

@@ -158,7 +158,8 @@ def require_usable_channels(recording: Recording, health: ChannelHealth) -> None
 class TakeRules:
     """Thresholds by which takes count as copies of each other, or as takes with another channel order."""
 
-    rate: float = 2000.0  # Hz; one channel, averaged over neighbouring samples down to this rate, aligns two takes
+    # Hz; two takes are aligned by one channel, whose samples are averaged down to this rate
+    rate: float = 2000.0
     # correlation of this channel from which the takes are compared at every frequency; copies have 0.36 to 1
     similar: float = 0.25
     stretch: int = 2**15  # number of samples that are compared

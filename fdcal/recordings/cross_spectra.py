@@ -88,7 +88,7 @@ class SegmentSettings:
     max_samples: int = 20_000_000  # largest number of samples of all channels in one segment
     max_matrix: int = 10_000_000  # numbers in all cross-spectral matrices together
     max_count: int = 600  # segments read from a long recording, at even distances
-    # independent segments per segment: Hann's windows that overlap by half are nearly independent
+    # number of independent segments for which one counts: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 
 
@@ -101,7 +101,8 @@ LAGS = (2, 4)  # distances, bins, of neighbouring frequencies whose windows do n
 # rows per bandwidth 1 / T_eq: 5 for a room that decays evenly (`fdcal.recordings.frequencies`), times 1.5, because rows
 # at close frequencies have the same field but independent noise
 OVERSAMPLING = 7.6
-LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-square slope of w over that of w, over 4
+# Second eigenvalue over the first one, times (T d)^2: a quarter of the mean square of w' over the mean square of w.
+LEAKAGE = 3.3
 
 
 def stationary_pressures(
@@ -133,7 +134,7 @@ def stationary_pressures(
     f = seen[row]
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     rows = _within(row, keep, seen, band, max_rows, 0.25 * window)
-    how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s, eigenvectors"
+    how = f"eigenvectors of the mean over {len(starts)} segments of {length / recording.sample_rate:.3g} s"
     k = 2 * np.pi * f[rows] / sound_speed
     return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)
 

@@ -389,7 +389,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
     if (windows := measurement.windows) is not None:
         groups, largest, _ = windows.pressures.shape
-        of = f"{groups} groups of at most {largest} windows of {1e3 * windows.length:g} ms"
+        of = f"up to {largest} of {1e3 * windows.length:g} ms at each of {groups} frequencies"
         lines += [f"windows      {of}, {windows.frequencies.min():.0f} to {windows.frequencies.max():.0f} Hz"]
     if not report.takes:
         lines += [f"SNR          {''.join(_snr_words(report.pressures))}"]
@@ -411,7 +411,7 @@ def _band_words(taken: Pressures) -> str:
         text += f" (independent: {taken.spacing.decorrelation:.2g} Hz)"
     several = int(np.sum(different > 1))
     if several:
-        text += f"; {len(f)} rows, since {several} have up to {different.max()} eigenvalues above noise and leakage"
+        text += f"; {len(f)} rows: {several} have up to {different.max()} eigenvalues above the noise, each a row"
     return text
 
 

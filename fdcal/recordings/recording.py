@@ -208,9 +208,9 @@ class ImportOptions:
     )
     # bounds: heavy gases to solids
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Instead of a temperature.", "M/S")
-    dimension: Literal[2, 3] = option(3, "Of the sound field.")
+    dimension: Literal[2, 3] = option(3, "Of the sound field: 3 in a room, 2 in a plate.")
     array_dimension: Literal[2, 3] | None = option(
-        None, "Of the microphones: 2 in a plane.  [default: 2 where all heights are given and agree]"
+        None, "2: the microphones lie in a plane.  [default: 2 if the import finds it]"
     )
     subset: str | None = option(None, "Use only these microphones, as 0,3,8:12, or ::4 for every fourth.", "I,J,...")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")

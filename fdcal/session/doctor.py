@@ -125,7 +125,7 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
             worst, value = float(np.nanmax(over)), 1e6 * float(np.nanmax(np.abs(found.delays)))
     listed = [f"{name}: {clock_words(*fault)}" for name, fault in faults.items()]
     few = [name for name in names if name in unknown and name not in faults]
-    listed += [f"{', '.join(few)}: not coherent with the others"] if few else []
+    listed += [f"not coherent with the others: {', '.join(few)}"] if few else []
     if faults:
         kinds = tuple((fault.kind, name) for name, fault in faults.items())
         return Answer("synchronous", "fault", "; ".join(listed), value, "µs", kinds)
@@ -203,8 +203,8 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     low = f <= DOCTOR_RULES.low_frequency
     low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
     one = overall < DOCTOR_RULES.field_db
-    text = f"at the lowest third of the frequencies the others predict each microphone to {overall:.1f} dB by a sound"
-    text += f" field, to {mean_db:.1f} dB by their mean"
+    text = f"at the lowest third of the frequencies a sound field predicts each microphone to {overall:.1f} dB,"
+    text += f" the mean of the others to {mean_db:.1f} dB"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
     field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
@@ -216,11 +216,11 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
         listed = arrival_misfits(problem, np.asarray(measurement.positions))
         misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
     median = float(np.nanmedian(misfit))
-    text, below = f"arrivals fit to {1e3 * median:.1f} mm", f"below {DOCTOR_RULES.low_frequency:g} Hz"
+    text, below = f"arrival times fit to {1e3 * median:.1f} mm", f"below {DOCTOR_RULES.low_frequency:g} Hz"
     if not np.isfinite(low_db):
         text += f"; no frequencies {below} to compare with"
         return [field, Answer("measured", "unknown", text, 1e3 * median, "mm")]
-    text += f", {below} the field to {low_db:.1f} dB"
+    text += f"; {below} the field predicts to {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"

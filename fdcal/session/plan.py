@@ -438,11 +438,11 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
         what, line = ("the array's plane", "on one line") if D == 2 else ("the array", "in one plane")
         side = "; the side of the array's plane on which the source was is not determined"
         found.append(
-            f"{what} can be mirrored: pressures determine it up to a rotation, a translation and a mirror image,"
-            f" {D + 1} given positions that are not {line} decide it{side if D < request.dimension else ''}"
+            f"pressures determine {what} up to a rotation, a translation and a mirror image; {D + 1} given positions"
+            f" that are not {line} determine these, too{side if D < request.dimension else ''}"
         )
     if bound.scale_sigma > FORECAST.blurred:
-        found.append(f"size is determined to {100 * bound.scale_sigma:.2g} % only: give one distance or position more")
+        found.append(f"the size is known to {100 * bound.scale_sigma:.2g} % only: give another distance or position")
     return tuple(found)
 
 

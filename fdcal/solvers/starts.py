@@ -256,7 +256,7 @@ def coherence_start(
         weight = np.where(distance < reach / k.max(), 1.0, FAR_WEIGHT)
         weight = weight / (SCATTER**2 + misfit**2) / between**2
         weight = weight - np.diag(np.diag(weight))
-        system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
+        system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant fixes the mean
         inverse = np.linalg.inv(np.asarray(system))
         for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)

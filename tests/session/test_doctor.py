@@ -98,7 +98,7 @@ def test_one_channel_of_noise_is_named_and_the_clocks_are_not_fine(tmp_path):
     noise = rng.standard_normal(10 * RATE) + 0.1 * rng.standard_normal((5, 10 * RATE))
     noise[1] = rng.standard_normal(10 * RATE)
     _, clocks = of_samples(tmp_path, noise)
-    assert clocks.state == "unknown" and clocks.text.startswith("1: not coherent with the others")
+    assert clocks.state == "unknown" and clocks.text.startswith("not coherent with the others: 1")
     _, clocks = of_samples(tmp_path, rng.standard_normal((5, 10 * RATE)))
     assert (clocks.state, clocks.value) == ("unknown", None) and "no channels are coherent" in clocks.text
 

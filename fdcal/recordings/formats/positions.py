@@ -270,7 +270,7 @@ def _of_array(values: Any, unit: float | None = None) -> Placed:
     array = np.asarray(values)
     axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
     if array.ndim != 2 or array.dtype.kind not in "fiu" or len(axes) != 1:
-        raise _question(f"which axis of shape {array.shape} has the microphones?", "write a table: name,x,y,z")
+        raise _question(f"either axis of shape {array.shape} may be the microphones", "write a table: name,x,y,z")
     rows = (array if axes == [1] else array.T).tolist()
     return _of_records([dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
 
@@ -284,7 +284,7 @@ def _of_sheet(rows: Rows) -> Placed:
     for n, row in comments.items() if len(body) < len(rows) else ():
         cells = [row[0].lstrip("#%/ "), *row[1:]]
         if len(row) == width and sum(map(is_number, cells)) > 1:
-            raise _question(f"line {n}: is {shown(','.join(row))!r} a comment?", "remove it, or its first sign")
+            raise _question(f"line {n}: {shown(','.join(row))!r} may be a comment", "remove it, or its first character")
         if len(row) == width and is_header(cells):
             head = cells
         if word := IN_WORDS.search(" ".join(cells)):
@@ -357,14 +357,14 @@ def _of_rows(
     cells = list(zip(*(row[: len(head)] for row in rows.values()), strict=True))  # of each column
     written = "".join(cell for c in columns for cell in cells[c])
     if "," in written and "." in written:
-        raise _question("it has numbers with a comma and with a point", "write one decimal sign and no thousands")
+        raise _question("it has numbers with a comma and with a point", "use one decimal sign and no separator")
     names = _names(head, cells, columns, unique)
     places = np.array([[float(row[c].replace(",", ".")) for c in columns] for row in rows.values()])
     for number, place in zip(rows, places.tolist(), strict=True):
         require_point(f"{where} {number}", place, (len(axes),))
     lengths = {units[c] for c in columns if kinds[c] not in ANGLES}
     if len(lengths) > 1 and lengths != {None, 1.0}:
-        raise _question(f'the units in "{shown(",".join(head))}" differ', "give all coordinates the same")
+        raise _question(f'the units in "{shown(",".join(head))}" differ', "give all coordinates in one unit")
     if "unit" in kinds:
         said = set(cells[kinds.index("unit")])
         lengths = {UNITS.get(said.pop().lower()) if len(said) == 1 else None}
@@ -392,7 +392,7 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
     for column in left:
         if column not in naming and any(map(is_number, cells[column])) and not _counts(list(cells[column])):
             problem = f'the column "{shown(head[column])}" of numbers is not understood'
-            raise _question(problem, "call a third coordinate z, the names name, or remove the column")
+            raise _question(problem, "call it z or name if it holds a coordinate or names, or remove it")
     names = list(cells[naming[0]]) if naming else []
     if len(set(names)) == len(names) > 0 and (unique or "" not in names):
         return names

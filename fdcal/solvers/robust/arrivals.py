@@ -127,7 +127,7 @@ class Arrivals:
         return wide.sigma
 
     def median(self, r: Reals) -> np.ndarray:
-        """Median (T,) of the absolute values of (T, N) where there are arrivals."""
+        """Return the median (T,) of the absolute values of (T, N) where there are arrivals."""
         size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
         take = np.arange(len(r))
         return (size[take, (count - 1) // 2] + size[take, count // 2]) / 2
@@ -136,7 +136,7 @@ class Arrivals:
         return (NU + 1) / 2 * np.log1p(r**2 / (NU * self.sigma[:, None] ** 2)).sum(axis=1)
 
     def _residuals(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals r, 0 where there is no arrival, path differences g, both metres, and s : (T, N) each."""
+        """Return residuals r, 0 without an arrival, and path differences g, both metres, and s : (T, N) each."""
         q, b = source.inverse[:, None], source.direction @ z.T
         a = q * (z**2).sum(axis=1)
         s = np.sqrt(np.maximum(1 + q * (a - 2 * b), 1e-12))
@@ -144,7 +144,7 @@ class Arrivals:
         return self.used * (paths - source.emission[:, None] - g), g, s
 
     def _jacobian(self, z: Reals, source: TakeSources, g: Reals, s: Reals) -> np.ndarray:
-        """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b, of all microphones."""
+        """Return the derivatives (T, N, K) of the residuals of all microphones by the tangents of u, by q and by b."""
         J = np.empty((*s.shape, z.shape[1] + 1))
         np.divide(z @ _tangents(source.direction), s[..., None], out=J[..., :-2])
         np.divide(g**2 - (z**2).sum(axis=1), 2 * s, out=J[..., -2])
@@ -152,12 +152,12 @@ class Arrivals:
         return J
 
     def _at_bound(self, slope: Reals, r: Reals, inverse: Reals) -> np.ndarray:
-        """Which sources are at a bound of their distance and would cross it in the next step : (T,) bool."""
+        """Return which sources are at a bound of their distance and would cross it in the next step : (T,) bool."""
         gradient = (slope * r).sum(axis=1)
         return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / NEAREST) & (gradient < 0))
 
     def _sources(self, paths: Reals, z: Reals) -> TakeSources:
-        """The likeliest source of each take, from starts at several distances."""
+        """Return the likeliest source of each take, from starts at several distances."""
         radius = float(np.sqrt(np.sum(z**2, axis=1).mean())) or 1.0
         direction, emission = self._plane_waves(paths, z)
         (T, _), starts = paths.shape, np.array(STARTS)
@@ -169,7 +169,7 @@ class Arrivals:
         return TakeSources(found.direction[best], found.inverse[best], found.emission[best])
 
     def _plane_waves(self, paths: Reals, z: Reals) -> tuple[np.ndarray, np.ndarray]:
-        """Directions (T, dimension) and paths b (T,), metres, of plane waves, by least squares that reject outliers."""
+        """Return directions (T, dimension) and paths b (T,), metres, of plane waves; the fit rejects outliers."""
         A = np.column_stack([z, np.ones(len(z))])
         flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the shortest axis of the array
         fit = self._consensus(paths, A)
@@ -189,7 +189,7 @@ class Arrivals:
         return u / np.linalg.norm(u, axis=1, keepdims=True), fit[:, -1]
 
     def _consensus(self, paths: Reals, A: Reals) -> np.ndarray:
-        """The fit (T, K) of the paths by A (N, K) with the least median residual, among fits to small subsets.
+        """Return the fit (T, K) of the paths by A (N, K) with the least median residual, among fits to small subsets.
 
         P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
         """
@@ -204,7 +204,7 @@ class Arrivals:
         return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
 
     def _fitted(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[TakeSources, np.ndarray]:
-        """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
+        """Return the source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
         damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
         sigma2 = self.sigma[:, None] ** 2
         r, g, s = self._residuals(paths, z, source)
@@ -248,13 +248,13 @@ SUBSETS = 40  # subsets of the microphones, to each of which a plane wave is fit
 
 @lru_cache(maxsize=4)
 def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
-    """Random orders of the microphones (`SUBSETS`, T, N) int64, in which those with an arrival come first."""
+    """Return random orders of the microphones (`SUBSETS`, T, N) int64; those with an arrival come first."""
     missing = ~np.frombuffer(used, bool).reshape(takes, microphones)
     return frozen_array(np.argsort(np.random.default_rng(0).random((SUBSETS, *missing.shape)) + missing), np.int64)
 
 
 def _tangents(u: Reals) -> np.ndarray:
-    """Orthonormal bases (T, dimension, dimension - 1) perpendicular to unit vectors (T, dimension), by reflection."""
+    """Return orthonormal bases (T, dimension, dimension - 1) perpendicular to unit vectors (T, dimension)."""
     v = np.array(u)
     v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
     reflected = v[:, :, None] * (-2 / (v**2).sum(axis=1)[:, None, None] * v[:, None, 1:])

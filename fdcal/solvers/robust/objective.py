@@ -1,7 +1,7 @@
 """What a stage minimises: the likelihood of the modes in use, and the priors of gains, given positions and sound speed.
 
-The unknowns in one vector: the P parameters of every microphone (its coordinates and, where gains are free, log gain,
-phase, and with filters delay and corner), then the logarithm of the sound speed over the one that the wavenumbers
+One vector holds the unknowns: the P parameters of every microphone (its coordinates and, where gains are free, log
+gain, phase, and with filters delay and corner), then the logarithm of the sound speed over the one that the wavenumbers
 assume. The likelihood depends on wavenumber times length only, so that a higher sound speed is equivalent to a smaller
 array:
 
@@ -512,7 +512,7 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """An objective to second order about some unknowns, where every microphone moves on its own."""
+    """An objective to second order about some unknowns, where every microphone moves independently."""
 
     unknowns: Unknowns
     free: np.ndarray  # (F,) int64, indices of the free unknowns, coordinates first

@@ -80,7 +80,7 @@ def claim_of(problem: Problem, state: State) -> Claim:
 def _of_data(
     problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
 ) -> tuple[Reals, float]:
-    """Q of the module (N D, N D), and tr J / tr Q over the coordinates `counted` (N D,) bool; 1 with too few blocks."""
+    """Return Q of the module (N D, N D), and tr J / tr Q over the `counted` (N D,) bool; 1 with too few blocks."""
     here, index = likely.unknowns, np.ix_(likely.free, likely.free)
     order = np.argsort(problem.takes[objectives.used_modes(problem, state)], kind="stable")
     blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
