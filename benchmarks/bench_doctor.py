@@ -335,5 +335,5 @@ def _sound_sets() -> Iterator[str]:
             faults = [one.line for one in findings if one.state == "fault"]
             silent += not faults
             notes += [f"draw {draw}: {one.line}" for one in findings if one.state in ("fault", "differs")]
-        yield f"{'sound: ' + name:<28} {silent:4d} of {draws:3d}  silent"
+        yield f"{'no fault: ' + name:<28} {silent:4d} of {draws:3d}  silent"
         yield from (f"    {note}" for note in notes)

@@ -129,11 +129,10 @@ ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy chan
 
 
 def _many_faulty(seen: Judged) -> str:
-    count, kinds = len(seen.faulty), {one.kind for one in seen.faulty.values()}
-    named = f"microphone {listed(one.name for one in seen.faulty.values())}"
-    unused = " and not used" if kinds <= {"dead", "noisy"} else ""
+    count, faults = len(seen.faulty), seen.faulty.values()
+    unused = " and not used" * all(one.kind in ("dead", "noisy") for one in faults)
     rest = f"the other {len(seen.names) - count} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
-    return f"{count} of {len(seen.names)} channels are faulty{unused}, {named}; {rest}, but are too few for a check"
+    return f"{count} of {len(seen.names)} channels are faulty{unused}: {listed(one.name for one in faults)}; {rest}, too few for a check"
 
 
 def _few_right(seen: Judged, limit: float) -> bool:

@@ -116,7 +116,7 @@ def result_sentences(
     """Return what a calibration found: sentences by heading, in the order of display.
 
     given : numbers of the microphones whose positions the solver was given; truth : name of the measurement's
-    positions, by default "the truth" or "the nominal positions"
+    positions, by default "the true positions" or "the nominal positions"
     """
     f, takes, nominal = result.frequencies, measurement.take_count, measurement.nominal
     end = end_word(result.converged, result.verdict == TRUSTED)
@@ -131,7 +131,7 @@ def result_sentences(
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:
-        truth = truth or ("the nominal positions" if nominal else "the truth")
+        truth = truth or ("the nominal positions" if nominal else "the true positions")
         faultless = " without a faulty channel" if len(result.healthy) < len(result.names) else ""
         sought = " sought" if len(given) and not np.isin(numbers, given).any() else ""
         over = f"{'the' if faultless or sought else 'all'} {len(numbers)} microphones{sought}{faultless}"
@@ -238,8 +238,7 @@ def state_error_words(measurement: Measurement, errors: np.ndarray | None, fault
         return ""
     mean = float(errors.mean())
     size = f"less than {length_text(SMALLEST)}" if 0 < mean < SMALLEST else length_text(mean)
-    text = f"{size} {'from nominal' if measurement.nominal else 'off'}"
-    text += "" if len(errors) == 1 else " on average"
+    text = f"{size} {'from nominal' if measurement.nominal else 'off'}{' on average' * (len(errors) > 1)}"
     return text + (f" without {counted(faulty, 'faulty channel')}" if faulty else "")
 
 

@@ -42,7 +42,7 @@ def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
         if len(chosen) <= D and _spans(positions[[*chosen, candidate]], len(chosen)):
             chosen.append(candidate)
     if len(chosen) != D + 1:
-        problem = f"known = {np.asarray(known).tolist()} does not fix the gauge"
+        problem = f"known = {np.asarray(known).tolist()} does not fix position, rotation and mirror image"
         remedy = f"name {D + 1} known microphones that are not {'on one line' if D == 2 else 'in one plane'}"
         raise InputError(problem, remedy, key="known")
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(positions[chosen], float))

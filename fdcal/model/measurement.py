@@ -610,7 +610,8 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
         return names.index(text)
     if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
         return int(text)
-    raise InputError(f'"{text}" is not the name of a microphone', f"use <{key}> names, 0 to {len(names) - 1}", key=key)
+    remedy = f"give <{key}> a name, or a number from 0 to {len(names) - 1}"
+    raise InputError(f'"{text}" is not the name of a microphone', remedy, key=key)
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:

@@ -123,7 +123,7 @@ def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_th
     precision[:, dead] = 1 / power  # the others predict nothing of them
     found = assess(replace(estimate, field=replace(field, terms=replace(field.terms, precision=precision))), NAMES)
     assert [fault.kind for fault in found.channels.faults] == 10 * ["dead"] and found.verdict == "model_mismatch"
-    assert found.message.startswith("10 of 20 channels are faulty and not used, microphone")
+    assert found.message.startswith("10 of 20 channels are faulty and not used: ")
 
 
 def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):

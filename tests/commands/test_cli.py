@@ -69,7 +69,7 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
 def test_without_given_positions_the_array_is_found_within_two_millimetres(calibrated, known, aligned):
     out, result = calibrated("--solver", "joint", "--known", known)
     assert result["aligned"] is aligned and "16 of 16 microphones" in out
-    assert ("moved as a whole onto the truth" in out) is aligned
+    assert ("moved as a whole onto the true positions" in out) is aligned
     assert result["mean_error_m"] < 2e-3
 
 
