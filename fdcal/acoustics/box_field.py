@@ -150,8 +150,8 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
 def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return kappa (B, count), rad/m, and the eigenfunctions, of unit mean square integral, at x : (B, count, len(x)).
 
-    B is len(k) for absorbing walls, else 1. About the middle
-    of the axis the eigenfunctions are alternately even (cosines) and odd (sines).
+    B is len(k) for absorbing walls, else 1. About the middle of the axis the eigenfunctions are alternately even
+    (cosines) and odd (sines).
     """
     n = np.arange(count)
     kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]

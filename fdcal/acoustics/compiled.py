@@ -25,8 +25,8 @@ Found = TypeVar("Found")
 def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
     """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
 
-    It runs without the interpreter's lock; `options`: of `numba.njit`. For numba a read-only array is of
-    another type than a writable one.
+    It runs without the interpreter's lock; `options`: of `numba.njit`. For numba a read-only array is of another type
+    than a writable one.
     """
     import numba
     from numba.core import config

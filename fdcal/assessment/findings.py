@@ -129,10 +129,12 @@ ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy chan
 
 
 def _many_faulty(seen: Judged) -> str:
-    count, faults = len(seen.faulty), seen.faulty.values()
+    faults, named = seen.faulty.values(), listed(one.name for one in seen.faulty.values())
     unused = " and not used" * all(one.kind in ("dead", "noisy") for one in faults)
-    rest = f"the other {len(seen.names) - count} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
-    return f"{count} of {len(seen.names)} channels are faulty{unused}: {listed(one.name for one in faults)}; {rest}, too few for a check"
+    rest = (
+        f"the other {len(seen.names) - len(faults)} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
+    )
+    return f"{len(faults)} of {len(seen.names)} channels are faulty{unused}: {named}; {rest}, too few for a check"
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
@@ -322,8 +324,8 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("ambiguous",
             lambda seen, limit: bool(len(seen.estimate.problem.known))
             and seen.loosest >= max(limit, 3 * seen.uncertain),
-            lambda seen: "an error of a given position would not be noticed: without its own, the sigma of that"
-                         f" microphone would be {length_text(seen.loosest, 2)}",
+            lambda seen: "an error of a given position would not be noticed: without it the sigma of its"
+                         f" microphone is {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),
     Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),

@@ -210,7 +210,7 @@ class ImportOptions:
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Instead of a temperature.", "M/S")
     dimension: Literal[2, 3] = option(3, "Of the sound field: 3 in a room, 2 in a plate.")
     array_dimension: Literal[2, 3] | None = option(
-        None, "2: the microphones lie in a plane.  [default: 2 if the import finds it]"
+        None, "2: the microphones lie in a plane.  [default: found by the import]"
     )
     subset: str | None = option(None, "Use only these microphones, as 0,3,8:12, or ::4 for every fourth.", "I,J,...")
     leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
