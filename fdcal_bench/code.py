@@ -47,7 +47,7 @@ def source_hash(package: Path, *more: Path) -> str:
 
 
 def _git(*words: str) -> str | None:
-    """Return what git says of the package; None where it says nothing, or there is none."""
+    """Return the output of git on the package; None without output, or without git."""
     command = ["git", "-C", str(PACKAGE), *words, "--", "."]
     try:
         found = subprocess.run(command, capture_output=True, text=True, timeout=GIT_SECONDS, check=False)

@@ -20,7 +20,7 @@ PAGE_COMMANDS = "fdcal study {study} -o {folder}\nfdcal study --report {folder} 
 @click.option("--scheduler", metavar="tcp://HOST:8786", help="A scheduler of Dask in place of own processes.")
 @click.option("--dashboard", is_flag=True, help="Serve Dask's dashboard, to this machine alone, and print its address.")
 @click.option("--resume", is_flag=True, help="Go on with a study that was interrupted.")
-@click.option("--dry-run", is_flag=True, help="Tell the number of calibrations and the time to be expected.")
+@click.option("--dry-run", is_flag=True, help="Print the number of calibrations and the expected time.")
 @click.option("--report", metavar="FOLDER", help="Draw the results of a study.")
 @click.option("--axes", metavar="Y,X", help="Of the map of a report.  [default: the first two]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
@@ -35,7 +35,7 @@ def study(file, output, workers, scheduler, dashboard, resume, dry_run, report, 
     """
     if report is not None:
         _require(file is None and output is None, "study", "--report takes no study file and no -o", "leave them out")
-        _require(Path(report).is_dir(), "report", f"{report} is no folder", "give the folder that a study has written")
+        _require(Path(report).is_dir(), "report", f"{report} is not a folder", "give the folder of a study")
         print(_report(report, axes, at) if page is None else _page(report, page))
         return 0
     _require(page is None, "page", "--page belongs to --report", "give --report FOLDER")
@@ -88,15 +88,15 @@ def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> Path:
     names = None
     if axes is not None:
         parts = [part.strip() for part in axes.split(",")]
-        _require(len(parts) == 2 and all(parts), "axes", f'--axes "{axes}" is no pair', "write Y,X")
+        _require(len(parts) == 2 and all(parts), "axes", f'--axes "{axes}" is not a pair', "write Y,X")
         names = (parts[0], parts[1])
     pairs = [text.partition("=") for text in at]
-    _require(all(sign for _, sign, _ in pairs), "at", "--at must be KEY=VALUE", "write it so")
+    _require(all(sign for _, sign, _ in pairs), "at", "--at is not of the form KEY=VALUE", "write it as snr_db=20")
     return write_report(folder, *read_results(folder), names, {key: value for key, _, value in pairs})
 
 
 def _page(folder: str, page: str) -> str:
-    _require(page.endswith(".md"), "page", f"{page} is no page", "give FILE.md")
+    _require(page.endswith(".md"), "page", f"{page} does not end in .md", "give FILE.md")
     from .report import write_page
     from .run import read_results
     from .study import SCENARIO

@@ -132,7 +132,7 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
 
 
 STARTS = 5  # of blind arrival times
-FEWEST = {2: 3, 3: 6}  # takes: plane waves of fewer leave an affine map of the array open, by its dimension
+FEWEST = {2: 3, 3: 6}  # takes: plane waves of fewer do not determine an affine map of the array; by its dimension
 DISTANCE = 2.0  # m, of the sources from the array in a start
 
 
@@ -140,8 +140,8 @@ def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.
     """Return positions (N, D), metres, from arrival times (S, N) alone; None where these do not determine them.
 
     Robust least squares of positions, sources and times of emission. From each of several draws of the directions of
-    the sources plane waves give the positions of a start; the likeliest end counts. Of a plane array the sources are
-    sought in its plane: their heights cannot be told from its size.
+    the sources plane waves give the positions of a start; the likeliest end counts. The sources of a plane
+    array are sought in its plane, since their heights cannot be distinguished from its size.
 
     times : s, each row up to a constant; speed : m/s; dimension : D, 2 of an array that is known to be plane;
     rng : numpy.random.Generator

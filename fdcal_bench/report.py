@@ -122,7 +122,7 @@ def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figu
         panel.set_yticks(range(len(y)), [str(value) for value in y])
         panel.set_xticks(range(len(x)), [str(value) for value in x])
     _name_axes(figure, shown, label_of(shown.y))
-    figure.colorbar(drawn, ax=[panel for panel, _ in panels], label="share that found the array")
+    figure.colorbar(drawn, ax=[panel for panel, _ in panels], label="fraction that found the array")
     return figure
 
 
@@ -372,7 +372,7 @@ An array is *right* where its error (root mean square) is below 5 mm, or three t
 field. *Good and wrong*: the verdict is `good`, and the error is above 5 mm and three claimed sigmas, or that of one
 microphone above 10 mm and five. *Accused*: healthy channels that are named as faulty, and given positions that are
 right (to the error of the tape) and named as wrong. *Found*: channels with a fault, and wrong given positions, that are
-named. *Refused*: draws that are not calibrated, but for a reason that is said; they are neither right nor wrong.
+named. *Refused*: draws that are not calibrated, for a stated reason; they are neither right nor wrong.
 
 | scenario | draws | refused | right | right and good | good | good and wrong | accused | found |
 |---|---|---|---|---|---|---|---|---|

@@ -40,7 +40,7 @@ from .tasks import own_code, run_task
 
 log = logging.getLogger(__name__)
 
-HEAD = "study.json"  # what study this folder is of
+HEAD = "study.json"  # describes the study of this folder
 ROWS = "rows"  # folder of the table, which `pandas.read_parquet` reads as a whole
 PARTS = f"{ROWS}/part-*.parquet"
 LOCK = "study.lock"  # held by the run that writes

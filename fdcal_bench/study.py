@@ -126,7 +126,7 @@ class Study:
         return (number for number in range(self.count) if number not in done)
 
     def digest(self) -> str:
-        """Return what tells this study from any other: a hash of its content and of its scene."""
+        """Return a hash of the content of the study and of its scene, which identifies it."""
         content = json.dumps([asdict(self), *map(_table_of, self.scenes)], sort_keys=True, default=str)
         return hashlib.blake2b(content.encode(), digest_size=12).hexdigest()
 
@@ -174,7 +174,7 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
 
 
 def reverberation_time(room: Room, duration: float) -> float:
-    """Return in which time the sound falls by 60 dB, s, in recordings of a `duration`, s, weighted as a scene does.
+    """Return the time, s, in which sound falls by 60 dB in recordings of a `duration`, s, weighted as a scene does.
 
     The walls absorb as in a diffuse field (Eyring), with what they absorb at normal incidence. The window takes the
     rest.
@@ -226,7 +226,7 @@ def describe(study: Study) -> list[str]:
 
 
 def _table_of(scene: str) -> dict:
-    loaded = load_scene(scene)  # refuses what is no scene, with its words
+    loaded = load_scene(scene)  # raises InputError for anything but a scene
     if isinstance(loaded, MeasuredScene):
         problem = f"{loaded.name} is a measurement, and a study simulates"
         raise InputError(problem, "give a scene that is simulated", key="scene")

@@ -107,8 +107,8 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
     """Return the impulse responses of a field of plane waves, sampled as the response is.
 
     Each wave is delayed by Lagrange interpolation over TAPS samples: exact to 1e-6 up to a twentieth of the sampling
-    rate, to 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres from the origin of the response. All responses (N, S) begin
-    at the same sample, before the direct sound, and end with the last wave.
+    rate, to 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres from the origin of the response. All responses (N, S)
+    begin at the same sample, before the direct sound, and end with the last wave.
     """
     fs, positions = response.sample_rate, np.asarray(positions, float)
     reach = math.ceil(float(np.linalg.norm(positions, axis=1).max()) / sound_speed * fs) + TAPS

@@ -131,9 +131,7 @@ ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy chan
 def _many_faulty(seen: Judged) -> str:
     faults, named = seen.faulty.values(), listed(one.name for one in seen.faulty.values())
     unused = " and not used" * all(one.kind in ("dead", "noisy") for one in faults)
-    rest = (
-        f"the other {len(seen.names) - len(faults)} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
-    )
+    rest = f"the other {seen.healthy.sum()} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
     return f"{len(faults)} of {len(seen.names)} channels are faulty{unused}: {named}; {rest}, too few for a check"
 
 

@@ -206,9 +206,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite an existing
 result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
 modes_option = option("--modes M", "Modes in use at the end, lowest first.  [default: all that are usable]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
-solver_option = option(
-    "--solver", "joint: for matched channels; descent: the paper's.  [default: robust, or the scene's]", type=names()
-)
+solver_option = option("--solver", "joint: equal channels; descent: the paper's.  [default: the scene's]", type=names())
 
 
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given

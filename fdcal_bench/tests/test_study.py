@@ -137,7 +137,7 @@ def test_wrong_scenarios_are_one_line(tmp_path, capsys, old, new, words):
 
 
 def test_a_report_of_no_folder_and_a_scheduler_that_is_not_there_are_refused(file, tmp_path, monkeypatch, capsys):
-    assert "nothing is no folder" in refusal(capsys, "--report", tmp_path / "nothing")
+    assert "nothing is not a folder" in refusal(capsys, "--report", tmp_path / "nothing")
     monkeypatch.setattr(run, "BATCHING", run.Batching(connect_seconds=0.2))
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))  # without listening
