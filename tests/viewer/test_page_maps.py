@@ -77,7 +77,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     step_to(viewer, state, State(positions + 0.01, 1))
     viewer.tick(0.0)
     assert shown(viewer) == 3, "an older state of the same run"
-    viewer.run.session.view = view_of([State(positions + 0.02)])
+    viewer.run.session.view = view_of([State(positions + 0.02)], running=True)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of the run before the reset"
 
