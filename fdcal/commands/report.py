@@ -41,8 +41,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
 
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     """Return how the positions found differ from those that the measurement has."""
-    listed = np.asarray(inputs.measurement.positions)
-    positions = result.positions
+    listed, positions = np.asarray(inputs.measurement.positions), result.positions
     if _size_is_open(inputs, result):  # scaled about their centre to the size of the list
         centre = positions.mean(axis=0)
         positions = centre + size_ratio(positions, listed) * (positions - centre)

@@ -342,8 +342,9 @@ def _classified(recording: Recording, options: ImportOptions, band: Band) -> tup
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
     """Return an import in words, one fact per line; `wording`: names of the arguments in the text."""
-    left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items()) or "none"
-    left_out = f"left out     {left_out}; none of the others is silent, clipped or a copy"
+    left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items())
+    rest = f"{left_out}; none of the others" if left_out else "none; no channel"
+    left_out = f"left out     {rest} is silent, clipped or a copy"
     takes, count = report.takes or (report,), measurement.count
     lasts = [f"{one.recording.duration:.3g} s at {one.recording.sample_rate:g} Hz" for one in takes]
     if report.takes:
