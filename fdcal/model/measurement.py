@@ -702,7 +702,7 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     positions = np.asarray(placed.positions)[rows]
     D = measurement.array_dimension
     if D == 2 and np.ptp(positions[:, 2]) > max(FLAT, NEARLY_FLAT * np.ptp(positions[:, :2], axis=0).max()):
-        raise InputError("the array is plane, the positions are not", "give <positions> of one height", key="positions")
+        raise InputError("the array lies in a plane, but z differs", "give <positions> as x, y in it", key="positions")
     return replace(measurement, positions=positions[:, :D], nominal=False)
 
 

@@ -176,7 +176,7 @@ def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_mi
     for measurement in (NAMED, NUMBERED):
         refuses("6 positions are given for 5 microphones", model.with_positions, measurement, one_more)
     flat = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, dimension=2)
-    refuses("one height", lambda: model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES)))
+    refuses("but z differs", lambda: model.with_positions(flat, model.MicrophonePositions(tuple("01234"), PLACES)))
     level = model.MicrophonePositions(tuple("01234"), np.column_stack([PLACES[:, :2], np.full(5, 1.2)]))
     np.testing.assert_array_equal(model.with_positions(flat, level).positions, PLACES[:, :2])
 
