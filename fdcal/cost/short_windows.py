@@ -79,6 +79,7 @@ class ShortTerms:
     """Cost and derivatives by the Q free ones of P parameters: (N, 5) of the microphones, spectrum, noise, takes."""
 
     cost: float
+    costs: Reals  # (G,) float64, of each group, without the priors
     gradient: Reals  # (Q,) float64; all derivatives are empty where only the cost was asked for
     fisher: Reals  # (Q, Q) float64
     scores: Reals  # (G, Q) float64, gradient of each group, without the priors
@@ -214,14 +215,14 @@ class ShortLikelihood:
         C = _covariance(K[of_group], noise, h)
         L: Complexes = np.linalg.cholesky(C)
         q = self.powers(L, field)
-        counts = q > 0
-        windows = counts.sum(axis=1) / self.dispersion
+        windows = np.sum(q > 0, axis=1) / self.dispersion
         log_det = 2 * np.log(np.diagonal(L, axis1=1, axis2=2).real).sum(axis=1)
-        cost = float(windows @ (log_det + 2 * field.channels[:, 0].sum()))
-        cost += N * float(np.log(q[counts]).sum()) / self.dispersion
+        costs = windows * (log_det + 2 * field.channels[:, 0].sum())
+        costs += N * np.log(np.where(q > 0, q, 1.0)).sum(axis=1) / self.dispersion
         prior_cost, prior_gradient, stiffness = _priors(field)
+        cost = float(costs.sum()) + prior_cost
         if free is None:
-            return ShortTerms(cost + prior_cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+            return ShortTerms(cost, costs, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         inverse: Complexes = np.linalg.inv(C)
         M = windows[:, None, None] * inverse - inverse @ self.scatter(q, field) @ inverse
         # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
@@ -237,7 +238,7 @@ class ShortLikelihood:
         design = design[:, np.append(shape, np.arange(len(SPECTRUM), design.shape[1]))][:, :, of_all]
         scores, fisher = _scores_and_fisher(windows, inverse, M, np.array(rows), whole, h, by_wave, design)
         gradient = scores.sum(axis=0) + prior_gradient[free]
-        return ShortTerms(cost + prior_cost, gradient, fisher + stiffness[np.ix_(free, free)], scores)
+        return ShortTerms(cost, costs, gradient, fisher + stiffness[np.ix_(free, free)], scores)
 
 
 def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:

@@ -35,9 +35,6 @@ from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from ..starts import coherence_start
 
 MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
-# largest diameter of the array, over the path of sound in one window. In a larger array a reflection falls into
-# different windows at the two ends, which the covariance neglects: an array of 3 m in windows of 30 ms ends 160 mm off
-MAX_DIAMETER = 0.1
 # covariance of the result over that of the fit. The spectrum has few parameters, and all windows share its misfit:
 # without this factor the errors of simulated and measured arrays are 2.2 times the claimed sigma, at the median
 COVARIANCE_INFLATION = 4.0
@@ -117,17 +114,14 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
     return U @ V
 
 
-def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
-    """Return whether there are windows, and the array is small enough for them."""
-    if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
-        return False
-    x = positions[counted]
-    diameter = float(np.linalg.norm(x[:, None] - x, axis=2).max())
-    return diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
+def usable(problem: Problem, counted: Bools) -> bool:
+    """Return whether there are windows of enough microphones; counted : (N,) bool, channels in use."""
+    return problem.windows is not None and problem.dimension == 3 and int(np.sum(counted)) >= MIN_MICROPHONES
 
 
 def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
-    """Return the term of the windows of a problem; None if they do not determine the array.
+    """Return the term of the windows of a problem; None if they do not determine the array, or if `positions` predict
+    them better.
 
     positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, otherwise 0,
     since the fit estimates small phases and levels; counted : (N,) bool, channels in use
@@ -140,7 +134,10 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
         starts = [(coherent, STAGES), *starts]
     x = np.array(positions)
     try:
-        likelihood, field, axes = fitted(likelihood, starts)
+        field, axes = half_fit(likelihood, starts)
+        if predicts_better(likelihood, positions[counted], field):
+            return None
+        likelihood, field, axes = fitted(likelihood, field, axes)
         # Arrival times and given positions say which of two places is right.
         sought = np.isin(np.flatnonzero(counted), problem.known, invert=True) & (problem.arrivals is None)
         field, other = with_rival(likelihood, field, axes, sought)
@@ -192,25 +189,22 @@ def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
         return None
 
 
-def fitted(
-    likelihood: ShortLikelihood, starts: list[tuple[Reals, tuple[float, ...]]]
-) -> tuple[ShortLikelihood, ShortField, Integers]:
-    """Return the likelihood with its dispersion, the likeliest field, and the axes.
+def half_fit(likelihood: ShortLikelihood, starts: list[tuple[Reals, tuple[float, ...]]]) -> tuple[ShortField, Integers]:
+    """Return the likeliest field of every second frequency of each take, and the axes.
 
     starts : positions (N, D), metres, each with the largest wavenumbers of its first stages, rad/m;
     axes : (D,) int64, which of the field's three coordinates are free
     """
     takes, axes = int(likelihood.takes.max()) + 1, np.arange(starts[0][0].shape[1])
-    k, ended = likelihood.wavenumbers, list[tuple[ShortField, float]]()
-    lowest = np.unique(k)[min(3, len(np.unique(k)) - 1)]
+    ended = list[tuple[ShortField, float]]()
     for positions, stages in starts:
         field, cost = first_field(positions, takes), np.inf
         for top in stages:
-            part = _of_groups(likelihood, k <= max(top, lowest))
+            part = _low(likelihood, top)
             field, _ = _minimised(part, first_field(field.positions, takes), axes)
             field, cost = _minimised(part, with_wave(part, field), axes)
         ended.append((field, cost))
-    half = _of_groups(likelihood, np.unique(k, return_inverse=True)[1] % 2 == 0)
+    half = _of_groups(likelihood, _alternate(likelihood))
     field, _ = _minimised(half, min(ended, key=lambda one: one[1])[0], axes)
     field, cost = _minimised(half, field, axes, spectrum=5, steps=LAST_STEPS)
     while field.curvature.shape[1] < MAX_WAVES:
@@ -218,6 +212,29 @@ def fitted(
         if cost - lower < WAVE_NATS * _dispersion(half, more, axes, spectrum=5):
             break
         field, cost = more, lower
+    return field, axes
+
+
+def predicts_better(likelihood: ShortLikelihood, positions: Reals, field: ShortField) -> bool:
+    """Return whether `positions` (N, D), metres, predict windows better than the array of `field` from `half_fit`.
+
+    At either array all other parameters are fitted to the frequencies of `half_fit`. The costs of the other frequencies
+    are compared: the sum of the differences of their groups counts above two of its standard deviations.
+    """
+    seen = _alternate(likelihood)
+    half, held_out = _of_groups(likelihood, seen), _of_groups(likelihood, ~seen)
+    x, costs = np.pad(positions, ((0, 0), (0, 3 - positions.shape[1]))), list[np.ndarray]()
+    for array in (field.positions, align(x, field.positions)):
+        there, _ = _minimised(half, replace(field, positions=array), np.zeros(0, np.int64), channels=True, spectrum=5)
+        costs.append(held_out.terms(there).costs)
+    gain = costs[0] - costs[1]
+    return bool(np.sum(gain) > 2 * np.sqrt(len(gain)) * np.std(gain))
+
+
+def fitted(
+    likelihood: ShortLikelihood, field: ShortField, axes: Integers
+) -> tuple[ShortLikelihood, ShortField, Integers]:
+    """Return the likelihood with its dispersion, the likeliest field near that of `half_fit`, and the axes."""
     (start, axes), *standing = upright(field, axes)
     field, cost = _minimised(likelihood, start, axes, spectrum=7, steps=LAST_STEPS)
     for start, other in standing:
@@ -241,6 +258,18 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
     return COVARIANCE_INFLATION * (fixed @ inverse[np.ix_(at, at)] @ fixed)
 
 
+def _alternate(likelihood: ShortLikelihood) -> np.ndarray:
+    """Return which groups have every second frequency of their take, from the first : (G,) bool."""
+    k, takes = likelihood.wavenumbers, likelihood.takes
+    return np.sum((takes[:, None] == takes) & (k[:, None] > k), axis=1) % 2 == 0
+
+
+def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
+    """Return the likelihood of the wavenumbers up to `top`, rad/m, and at least of the lowest four."""
+    k = likelihood.wavenumbers
+    return _of_groups(likelihood, k <= max(top, np.unique(k)[:4][-1]))
+
+
 def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:
     """Return the likelihood of the groups that are `kept`, (G,) bool."""
     return replace(
@@ -259,8 +288,7 @@ def with_rival(
     In the other array one of the microphones that are `sought`, (N,) bool, stands elsewhere. If the source is near a
     plane of symmetry of the room, so is the field, and a microphone beyond that plane may stand at its mirror image.
     """
-    k = likelihood.wavenumbers
-    low, part = (_of_groups(likelihood, k <= max(top, np.unique(k)[:4][-1])) for top in (LOW_BAND, STAGES[-1]))
+    low, part = (_low(likelihood, top) for top in (LOW_BAND, STAGES[-1]))
     low = replace(low, dispersion=_dispersion(low, field, axes, spectrum=5))
     places, gaps = other_places(low, field, axes, APART / LOW_BAND)
     gaps[~sought] = np.inf
@@ -341,7 +369,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     if start is None:
         return False
     try:
-        likelihood, field, axes = fitted(likelihood, [(start, STAGES)])
+        likelihood, field, axes = fitted(likelihood, *half_fit(likelihood, [(start, STAGES)]))
         covariance = covariance_of(likelihood, field, axes)
     except np.linalg.LinAlgError:
         return False
