@@ -103,6 +103,7 @@ ROWS = (
     Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.2, "impulse", 8),
     Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 1),
     Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 8),
+    Row("32 in a ball of 0.8 m", ball(32, 0.8), HALL, 0.4, "noise", 1),
 )
 
 

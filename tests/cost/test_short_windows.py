@@ -52,7 +52,7 @@ def test_the_gradient_is_that_of_the_cost(ring):
     likelihood = drawn(field, rng)
     field = replace(field, spectrum=np.array([*field.spectrum[:5], ring, 0.2]))
     likelihood.pressures[3, 4:7] = 0
-    likelihood = replace(likelihood, dispersion=2.5)
+    likelihood = replace(likelihood, dispersion=2.5, bandwidth=1.5)
     here = replace(field, positions=field.positions + 0.01 * rng.standard_normal((N, 3)))
     every, some = (short.free_parameters(here, np.arange(*axes), True, 7) for axes in ((3,), (2,)))
     terms = likelihood.terms(here, every)

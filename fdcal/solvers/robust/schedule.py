@@ -146,9 +146,8 @@ def _next_final(end: StageEnd) -> State:
     damping of the waves counts from the round on in which the noise is low enough.
     """
     problem, state, progress = end.problem, end.state, end.state.progress
-    if progress.rounds == 0 and state.model.window_positions is None:
-        if (with_term := with_windows(problem, state)) is not None:
-            return with_term
+    if state.model.window_positions is None and (with_term := with_windows(problem, state)) is not None:
+        return with_term
     model, ahead = state.model, replace(progress, rounds=progress.rounds + 1)
     if model.directional and noise.is_damped(problem, state):
         model = replace(model, damped=True)
@@ -161,7 +160,7 @@ def _next_final(end: StageEnd) -> State:
 
 
 def with_windows(problem: Problem, state: State) -> State | None:
-    """Return the last stage with a term of the short windows, at the array that they show; None if they do not count.
+    """Return the last stage with a term of the short windows, at the array that they show; None where they show none.
 
     The likelihood of the long rows is then divided so that it weighs as much as the covariance of the result says.
     """
@@ -171,7 +170,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # with all delays free, errors of a small array appear as delays of its channels
         counted &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
-    if not windows.usable(problem, counted):
+    if not windows.usable(problem, state.positions, counted):
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted)
     if term is None:

@@ -29,8 +29,6 @@ WORSE = 100.0  # nats; an array that is less likely by more is not refined
 # wavelength or of the RMS diameter of the array, whichever is smaller. With the wavelength alone the error of one of 12
 # arrays of 10 cm is 8.6 instead of 3.9 mm.
 DIFFERENT = 0.02
-# diameter of the array over the path of sound in one short window, up to which the windows are expected to determine it
-MAX_DIAMETER = 0.1
 
 
 def begin(problem: Problem, state: State) -> State:
@@ -85,16 +83,10 @@ def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
 
 
 def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
-    """Return whether the short windows are expected to determine the array: a small one without given positions.
-
-    This saves time; whether the windows count is decided later (`windows.predicts_better`).
-    """
-    if not found or len(problem.known) or not windows.usable(problem, found[0].healthy):
+    """Return whether the short windows determine the array by themselves: a small one without given positions."""
+    if not found or len(problem.known):
         return False
-    assert problem.windows is not None  # `usable`
-    x = found[0].positions[found[0].healthy]
-    diameter = float(np.linalg.norm(x[:, None] - x, axis=2).max())
-    return diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
+    return windows.usable(problem, found[0].positions, found[0].healthy)
 
 
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
