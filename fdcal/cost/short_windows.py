@@ -255,16 +255,14 @@ def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: 
     The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of each of its waves,
     of which each take has two for one, at k - B and k + B.
     """
-    every, S, (takes, waves) = np.arange(len(take)), len(SPECTRUM), field.curvature.shape
+    every, S, (takes, waves) = np.arange(len(take))[:, None], len(SPECTRUM), field.curvature.shape
     design = np.zeros((len(take), S + 1 + 8 * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
     design[:, range(S), range(S)] = 1.0
     design[:, S, S : S + NOISE_NODES] = noise_nodes
     for wave in range(2 * waves):
-        row, own = S + 1 + 4 * wave, S + NOISE_NODES + OF_WAVE * (take * waves + wave % waves)
-        for node in range(POWER_NODES):
-            design[every, row, own + node] = power_nodes[:, node]
-        for one in range(3):
-            design[every, row + 1 + one, own + POWER_NODES + one] = 1.0
+        row, own = S + 1 + 4 * wave, S + NOISE_NODES + OF_WAVE * (take[:, None] * waves + wave % waves)
+        design[every, row, own + np.arange(POWER_NODES)] = power_nodes
+        design[every, row + 1 + np.arange(3), own + POWER_NODES + np.arange(3)] = 1.0
     return design
 
 
@@ -303,17 +301,17 @@ def _scores_and_fisher(
             both = X[a] * X[b].swapaxes(1, 2) + transposed * (X[a] @ np.conj(rows[b].swapaxes(1, 2)))
             F[:, a, :, b] = 2 * np.tensordot(weight, both.real, 1)
             F[:, b, :, a] = F[:, a, :, b].T
-        both = (one @ inner_u.swapaxes(1, 2)) * inner_h.conj().swapaxes(1, 2)
-        both += (one @ inner_h.swapaxes(1, 2)) * inner_u.conj().swapaxes(1, 2)
-        cross[:, :, a, V:] = 2 * both.real
+        with_waves = (one @ inner_u.swapaxes(1, 2)) * inner_h.conj().swapaxes(1, 2)
+        with_waves += (one @ inner_h.swapaxes(1, 2)) * inner_u.conj().swapaxes(1, 2)
+        cross[:, :, a, V:] = 2 * with_waves.real
     flat = whole.swapaxes(0, 1).reshape(G, V, -1)
     of_waves = [2 * np.sum(repeated.conj() * (u @ one.swapaxes(1, 2)), axis=2).real for one in (M, inverse)]
     of_whole, traces_whole = (
         np.hstack([(flat @ one.real.reshape(G, -1, 1))[..., 0], waves])
         for one, waves in zip((M, inverse), of_waves, strict=True)
     )
-    both = np.conj(h @ (parts[:, :, 0] + 1j * parts[:, :, 1]).reshape(G, N, N * V)).reshape(G, -1, N, V)
-    across_waves = 2 * np.einsum("gwj,gwjv->gvw", inner_u, np.repeat(both, by_wave.shape[2], axis=1)).real
+    inner_whole = np.conj(h @ (parts[:, :, 0] + 1j * parts[:, :, 1]).reshape(G, N, N * V)).reshape(G, -1, N, V)
+    across_waves = 2 * np.einsum("gwj,gwjv->gvw", inner_u, np.repeat(inner_whole, by_wave.shape[2], axis=1)).real
     mixed = repeated.conj() @ inner_u.swapaxes(1, 2)
     waves = mixed * mixed.swapaxes(1, 2)
     waves += (repeated.conj() @ inner_h.swapaxes(1, 2)) * np.conj(u.conj() @ inner_u.swapaxes(1, 2))
@@ -333,9 +331,10 @@ def _scores_and_fisher(
     return by_all(of_rows, of_whole), fisher
 
 
-def anisotropic_kernel(
-    x: Reals, k: Reals, spectrum: Reals, slope: bool = True, bandwidth: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]  # K and its derivatives by coordinates and by the spectrum
+
+
+def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, slope: bool = True, bandwidth: float = 0.0) -> Kernel:
     """Return K (F, N, N), its derivatives (3, F, N, N) by x_i - x_j, and (7, F, N, N) by the spectrum parameters.
 
     x : (N, 3), metres; k, bandwidth : (F,) and B, rad/m; spectrum : (7,). The derivatives are empty without `slope`.
@@ -356,19 +355,12 @@ def anisotropic_kernel(
     return K, whole(np.moveaxis(slopes, -1, 0), -1.0), whole(shapes)
 
 
-def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: float) -> list[np.ndarray]:
+def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: float) -> Kernel:
     """Return K (F, P) of pairs at distances d (P, 3), metres, and its derivatives (F, P, 3) and (7, F, P).
 
     The derivatives are those by d and by the spectrum parameters, empty without `slope`.
     """
-    low, high = (_kernel_of_wavenumber(d, one, spectrum, slope) for one in (k - bandwidth, k + bandwidth))
-    return [(a + b) / 2 for a, b in zip(low, high, strict=True)]
-
-
-def _kernel_of_wavenumber(
-    d: Reals, k: Reals, spectrum: Reals, slope: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the result of `_pair_kernel` for a bandwidth of 0."""
+    k, shape = np.concatenate([k - bandwidth, k + bandwidth]), (2, len(k), len(d))
     *a, ring, elevation = spectrum
     r = np.linalg.norm(d, axis=1) + 1e-9
     u, Y = d / r[:, None], _quadratic(d / r[:, None])
@@ -381,7 +373,7 @@ def _kernel_of_wavenumber(
     shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic])
     values = isotropic + np.tensordot(spectrum[:6], shapes, 1)
     if not slope:
-        return values, np.zeros(0), np.zeros(0)
+        return values.reshape(shape).mean(axis=0), np.zeros(0), np.zeros(0)
     outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # by the arguments of the two factors of the ring
     radial = (1 - ring) * spherical_jn(0, z, True) + np.dot(a, Y) * spherical_jn(2, z, True)
     slopes = k[:, None, None] * (radial[..., None] * u)
@@ -390,7 +382,8 @@ def _kernel_of_wavenumber(
     slopes[..., :2] += ring * k[:, None, None] * flat * outward[..., None] * (d[:, :2] / across[:, None])
     slopes[..., 2] += ring * k[:, None] * up * upward
     turned = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
-    return values, slopes, np.array([*shapes, turned])
+    every = np.array([*shapes, turned]).reshape(-1, *shape).mean(axis=1)
+    return values.reshape(shape).mean(axis=0), slopes.reshape(*shape, 3).mean(axis=0), every
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:

@@ -180,8 +180,8 @@ def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> S
     power = np.mean(np.abs(windows.pressures) ** 2, axis=(0, 1))
     factors = np.exp(-1j * phases) / np.sqrt(np.maximum(power, np.finfo(power.dtype).tiny))
     takes = np.unique(windows.takes, return_inverse=True)[1]
-    bandwidth = BANDWIDTH / (windows.length * sound_speed)
-    return ShortLikelihood(k, takes, windows.pressures * factors.astype(windows.pressures.dtype), bandwidth)
+    pressures = windows.pressures * factors.astype(windows.pressures.dtype)
+    return ShortLikelihood(k, takes, pressures, BANDWIDTH / (windows.length * sound_speed))
 
 
 def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
@@ -213,7 +213,8 @@ def fitted(
             field, _ = _minimised(part, first_field(field.positions, takes), axes)
             field, cost = _minimised(part, with_wave(part, field), axes)
         ended.append((field, cost))
-    half = _of_groups(likelihood, _alternate(likelihood))
+    k, take = likelihood.wavenumbers, likelihood.takes
+    half = _of_groups(likelihood, np.sum((take[:, None] == take) & (k[:, None] > k), axis=1) % 2 == 0)
     field, _ = _minimised(half, min(ended, key=lambda one: one[1])[0], axes)
     field, cost = _minimised(half, field, axes, spectrum=5, steps=LAST_STEPS)
     while field.curvature.shape[1] < MAX_WAVES:
@@ -244,12 +245,6 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
     return COVARIANCE_INFLATION * (fixed @ inverse[np.ix_(at, at)] @ fixed)
 
 
-def _alternate(likelihood: ShortLikelihood) -> np.ndarray:
-    """Return which groups have every second frequency of their take, from the first : (G,) bool."""
-    k, takes = likelihood.wavenumbers, likelihood.takes
-    return np.sum((takes[:, None] == takes) & (k[:, None] > k), axis=1) % 2 == 0
-
-
 def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
     """Return the likelihood of the wavenumbers up to `top`, rad/m, and at least of the lowest four."""
     k = likelihood.wavenumbers
@@ -258,12 +253,8 @@ def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
 
 def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:
     """Return the likelihood of the groups that are `kept`, (G,) bool."""
-    return replace(
-        likelihood,
-        wavenumbers=likelihood.wavenumbers[kept],
-        takes=likelihood.takes[kept],
-        pressures=likelihood.pressures[kept],
-    )
+    fields = ("wavenumbers", "takes", "pressures")
+    return replace(likelihood, **{name: getattr(likelihood, name)[kept] for name in fields})
 
 
 def with_rival(
