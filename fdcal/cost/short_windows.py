@@ -17,7 +17,7 @@ the power s of each window:
     e    power of the noise; b and e are interpolated in frequency between a few nodes
 
 A window smooths the spectrum: K and h h^H are means over its bandwidth, taken at k - B and k + B, with B the standard
-deviation of the wavenumber. Without it an array of 2 m in windows of 30 ms ends 48 instead of 29 mm off.
+deviation of the wavenumber. Without it an array of 1.6 m in windows of 30 ms ends 48 instead of 30 mm off.
 
 With the power of each window at its likeliest value, p^H C^-1 p / N, the cost is
 
