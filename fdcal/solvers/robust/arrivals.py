@@ -172,11 +172,11 @@ class Arrivals:
         """Return directions (T, dimension) and paths b (T,), metres, of plane waves; the fit rejects outliers."""
         A = np.column_stack([z, np.ones(len(z))])
         flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the shortest axis of the array
-        fit = self._consensus(paths, A)
+        fit: np.ndarray = self._consensus(paths, A)
         for _ in range(3):
-            r = paths - fit @ A.T
-            scale = np.maximum(1.4826 * self.median(r), self.stated)[:, None]
-            weight = self.used / (NU + (r / scale) ** 2)
+            r: np.ndarray = paths - fit @ A.T
+            scale: Reals = np.maximum(1.4826 * self.median(r), self.stated)[:, None]
+            weight: Reals = self.used / (NU + (r / scale) ** 2)
             weighted = weight[:, :, None] * A
             inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
             fit = np.einsum("tkl,tnl,tn->tk", inverse, weighted, paths)
@@ -205,21 +205,21 @@ class Arrivals:
 
     def _fitted(self, paths: Reals, z: Reals, source: TakeSources) -> tuple[TakeSources, np.ndarray]:
         """Return the source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
-        damping, diagonal = np.full(len(paths), DAMPING), np.arange(z.shape[1] + 1)
-        sigma2 = self.sigma[:, None] ** 2
+        diagonal, sigma2 = np.arange(z.shape[1] + 1), self.sigma[:, None] ** 2
         r, g, s = self._residuals(paths, z, source)
-        cost = self._costs(r)
+        cost: np.ndarray = self._costs(r)
+        damping: Reals = np.full(len(paths), DAMPING)
         for _ in range(MAX_STEPS):
-            w, J = self.used * (NU + 1) / (NU * sigma2 + r**2), self._jacobian(z, source, g, s)
-            wr = w * r
+            w: Reals = self.used * (NU + 1) / (NU * sigma2 + r**2)
+            J, wr = self._jacobian(z, source, g, s), w * r
             J[..., -2] *= ~self._at_bound(J[..., -2], wr, source.inverse)[:, None]
             slope = (wr[:, None] @ J)[:, 0]
             curved = np.maximum(w - 2 / (NU + 1) * wr**2, MIN_CURVATURE * w)
             H = (J * curved[..., None]).swapaxes(1, 2) @ J
-            size = H[:, diagonal, diagonal]
+            size: Reals = H[:, diagonal, diagonal]
             size = np.maximum(size, 1e-12 * size.max(axis=1, keepdims=True))
             H[:, diagonal, diagonal] = size * (1 + damping[:, None])
-            step = -np.linalg.solve(H, slope[..., None])[..., 0]
+            step: np.ndarray = -np.linalg.solve(H, slope[..., None])[..., 0]
             if np.all(-(step * slope).sum(axis=1) < MIN_DECREASE):
                 break
             u = source.direction + (_tangents(source.direction) @ step[:, :-2, None])[..., 0]
@@ -310,7 +310,8 @@ def near_positions(
 
     spread : one sigma of a coordinate of `positions`, metres; constrained : (A,) int64, microphones that do not move
     """
-    x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, MIN_SPREAD) ** 2)
+    x: np.ndarray = np.array(positions)
+    stiffness = np.full(positions.shape, 1 / max(spread, MIN_SPREAD) ** 2)
     stiffness[constrained] = CONSTRAINED_STIFFNESS
     stiffness = stiffness.ravel()
     arrivals = replace(arrivals, sigma=arrivals.scatter(x))
