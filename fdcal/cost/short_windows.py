@@ -17,7 +17,8 @@ the power s of each window:
     e    power of the noise; b and e are interpolated in frequency between a few nodes
 
 A window smooths the spectrum: K and h h^H are means over its bandwidth, taken at k - B and k + B, with B the standard
-deviation of the wavenumber. Without it an array of 1.6 m in windows of 30 ms ends 48 instead of 30 mm off.
+deviation of the wavenumber, weighted by the power spectrum of the window. With the values at k alone an array of 1.6 m
+in windows of 30 ms ends 48 instead of 30 mm off.
 
 With the power of each window at its likeliest value, p^H C^-1 p / N, the cost is
 
@@ -53,7 +54,8 @@ SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r
 NOISE_NODES, POWER_NODES = 5, 2
 DIRECTIONS = 1200  # number of directions among which a wave is sought
 SPACING = 0.125  # distance of the places where a microphone is sought, in shortest wavelengths
-OF_WAVE = POWER_NODES + 3  # number of parameters of a wave: power, direction along two tangents, curvature
+# number of parameters of a wave: power, direction along two tangents, curvature; in one group, with one power, IN_GROUP
+OF_WAVE, IN_GROUP = POWER_NODES + 3, 4
 # means and standard deviations of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of
 # the logarithms of noise and waves, over the diffuse field, and of the curvature, 1/m
 SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
@@ -245,22 +247,22 @@ class ShortLikelihood:
 
 
 def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:
-    """Return C (G, N, N) complex128 without gains, from K (G, N, N), the noise (G,) and the waves (G, W, N)."""
+    """Return C (G, N, N) complex128 without gains, from K (G, N, N), the noise (G,) and the waves (G, 2 W, N)."""
     return K + noise[:, None, None] * np.eye(K.shape[1]) + h.swapaxes(1, 2) @ h.conj()
 
 
 def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: Reals) -> np.ndarray:
-    """Return the derivatives (G, S + 1 + 8 W, V) of the parameters of each group by the parameters of all groups.
+    """Return the derivatives (G, S + 1 + 2 W IN_GROUP, V) of the parameters of each group by those of all groups.
 
-    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of each of its waves,
-    of which each take has two for one, at k - B and k + B.
+    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of each of its 2 W
+    waves: each wave of a take stands for two, at k - B and at k + B, with the same parameters.
     """
     every, S, (takes, waves) = np.arange(len(take))[:, None], len(SPECTRUM), field.curvature.shape
-    design = np.zeros((len(take), S + 1 + 8 * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
+    design = np.zeros((len(take), S + 1 + 2 * IN_GROUP * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
     design[:, range(S), range(S)] = 1.0
     design[:, S, S : S + NOISE_NODES] = noise_nodes
     for wave in range(2 * waves):
-        row, own = S + 1 + 4 * wave, S + NOISE_NODES + OF_WAVE * (take[:, None] * waves + wave % waves)
+        row, own = S + 1 + IN_GROUP * wave, S + NOISE_NODES + OF_WAVE * (take[:, None] * waves + wave % waves)
         design[every, row, own + np.arange(POWER_NODES)] = power_nodes
         design[every, row + 1 + np.arange(3), own + POWER_NODES + np.arange(3)] = 1.0
     return design
@@ -331,7 +333,8 @@ def _scores_and_fisher(
     return by_all(of_rows, of_whole), fisher
 
 
-Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]  # K and its derivatives by coordinates and by the spectrum
+# K, its derivatives by coordinates, and those by the spectrum; the derivatives may be empty arrays
+Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, slope: bool = True, bandwidth: float = 0.0) -> Kernel:
@@ -370,8 +373,7 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     flat, up = np.cos(elevation), np.sin(elevation)
     round_, level = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
     bessel, wave = j0(round_), np.cos(level)
-    shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic])
-    values = isotropic + np.tensordot(spectrum[:6], shapes, 1)
+    values = (1 - ring) * isotropic + second * np.dot(a, Y) + ring * bessel * wave
     if not slope:
         return values.reshape(shape).mean(axis=0), np.zeros(0), np.zeros(0)
     outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # by the arguments of the two factors of the ring
@@ -382,8 +384,8 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     slopes[..., :2] += ring * k[:, None, None] * flat * outward[..., None] * (d[:, :2] / across[:, None])
     slopes[..., 2] += ring * k[:, None] * up * upward
     turned = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
-    every = np.array([*shapes, turned]).reshape(-1, *shape).mean(axis=1)
-    return values.reshape(shape).mean(axis=0), slopes.reshape(*shape, 3).mean(axis=0), every
+    shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic, turned]).reshape(-1, *shape)
+    return values.reshape(shape).mean(axis=0), slopes.reshape(*shape, 3).mean(axis=0), shapes.mean(axis=1)
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:
@@ -447,7 +449,7 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _observed(likelihood: ShortLikelihood, field: ShortField) -> tuple[Complexes, Complexes, Complexes, Reals]:
-    """Return the waves (G, W, N), the inverse of C and the scatter (G, N, N), and the number of windows (G,)."""
+    """Return the waves (G, 2 W, N), the inverse of C and the scatter (G, N, N), and the number of windows (G,)."""
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     K = anisotropic_kernel(field.positions, each, field.spectrum, False, likelihood.bandwidth)[0]
     noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
@@ -461,6 +463,7 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
     """Return the field with one more wave of each take, the likeliest among DIRECTIONS directions and five powers.
 
     A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
+    The bandwidth is neglected here; the steps that follow take it into account.
     """
     inverse, scatter, windows = _observed(likelihood, field)[1:]
     received = inverse @ scatter @ inverse
@@ -516,14 +519,16 @@ def costs_of_places(likelihood: ShortLikelihood, field: ShortField, places: Real
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     nodes, noise = _nodes(each, POWER_NODES)[of_group], np.exp(_nodes(each, NOISE_NODES) @ field.noise)
     h, inverses, scatters, windows = _observed(likelihood, field)
-    sought, N = replace(field, positions=places), len(field.positions)
+    delays, N = _delays(replace(field, positions=places))[0], len(field.positions)
     apart, costs = (places[:, None] - field.positions).reshape(-1, 3), np.zeros((len(places), N))
     for f, k in enumerate(each):
         K = _pair_kernel(apart, each[f : f + 1], field.spectrum, False, likelihood.bandwidth)[0].reshape(-1, N)
         for g in np.flatnonzero(of_group == f):
-            inverse, S, one = inverses[g], scatters[g], slice(g, g + 1)
-            group = replace(likelihood, wavenumbers=likelihood.wavenumbers[one], takes=likelihood.takes[one])
-            there = group.waves(sought, nodes[one])[0][0]
+            inverse, S, delay = inverses[g], scatters[g], delays[likelihood.takes[g]]
+            amplitude = np.exp((field.powers[likelihood.takes[g]] @ nodes[g] - np.log(2)) / 2)[:, None]
+            there = np.vstack(
+                [amplitude * np.exp(-1j * end * delay) for end in (k - likelihood.bandwidth, k + likelihood.bandwidth)]
+            )
             across = K + there.T @ h[g].conj()
             # Weights that leave out microphone n are X - X_n R_n, with X the weights of all and R_n a row of R.
             X, own = across @ inverse, np.real(np.diag(inverse))

@@ -21,7 +21,7 @@ def mode_power(pressures: Numbers) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ShortWindows:
-    """Spectra of many short windows of a recording, in groups of one take and frequency.
+    """Spectra of many short Hann windows of a recording, in groups of one take and frequency.
 
     InputError if shapes disagree or a value is not finite.
     """

@@ -40,7 +40,8 @@ from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
 from ..model.validation import InputError, check, evenly_spaced, frozen_array, length_text, refusal, within
 from ..recordings.formats.positions import READERS, read_positions
 from ..recordings.frequencies import default_max_rows
-from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT
+from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT, WINDOW
+from ..solvers.robust.windows import MAX_DIAMETER
 from .process import one_blas_thread
 
 FLAT_M = 1e-6  # distance from a plane up to which microphones lie in it
@@ -279,7 +280,6 @@ class ForecastRules:
     windows: float = 960.0
     window_noise: float = 0.05  # least fraction of their power that their model does not explain at any signal level
     window_frequencies: int = 40
-    widest_m: float = 1.0  # metres, width of the widest array for which short windows count
     size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
 
 
@@ -326,7 +326,8 @@ def make_plan(request: PlanRequest) -> Plan:
             diffuse_information(x, k, one / (1 + one), request.dimension).scaled(1 / len(used)) for one in noise
         ]
         windows: list[Information | None] = [None] * len(noise)
-        if request.dimension == 3 and len(x) <= MAX_COUNT[x.shape[1]] and pdist(x).max() <= rules.widest_m:
+        widest = MAX_DIAMETER * WINDOW * request.sound_speed
+        if request.dimension == 3 and len(x) <= MAX_COUNT[x.shape[1]] and pdist(x).max() <= widest:
             k = 2 * np.pi * np.linspace(LOWEST, HIGHEST, rules.window_frequencies) / request.sound_speed
             unexplained = [max(one / (1 + one), rules.window_noise) for one in noise]
             windows = [diffuse_information(x, k, one, 3).scaled(rules.windows / len(k)) for one in unexplained]

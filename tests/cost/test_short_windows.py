@@ -127,11 +127,12 @@ def test_direct_sound_and_a_reflection_are_found_one_after_the_other():
     assert np.all(np.diff([likelihood.terms(one).cost for one in (alone, direct, both)]) < 0)
 
 
-def test_the_cost_of_another_place_is_that_of_the_covariance_there():
+@pytest.mark.parametrize("bandwidth", [0.0, 1.5])
+def test_the_cost_of_another_place_is_that_of_the_covariance_there(bandwidth):
     """Log det C + tr C^-1 S, with the scatter S at the present array, from the whole covariance of each array."""
     rng = np.random.default_rng(6)
     field = some_field(rng)
-    likelihood = drawn(field, rng)
+    likelihood = replace(drawn(field, rng), bandwidth=bandwidth)
     places = np.vstack([field.positions, 0.1 * rng.standard_normal((4, 3))])
     found = short.costs_of_places(likelihood, field, places, 0.0)
     _, inverse, scatter, windows = short._observed(likelihood, field)

@@ -116,8 +116,7 @@ def test_short_windows_find_what_few_long_rows_of_a_room_leave_open(heard):
 def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses_slowly(heard):
     measurement, x = heard
     problem, every = measurement.problem(), np.ones(8, bool)
-    assert usable(problem, x, every)
-    assert not usable(problem, 20 * x, every)
+    assert usable(problem, 7 * x, every) and not usable(problem, 9 * x, every)  # 1.8 and 2.3 m
     assert not usable(problem, x, np.arange(8) < 4)
     assert not usable(replace(problem, windows=None), x, every)
     assert not usable(replace(problem, dimension=2), x, every)
@@ -150,13 +149,13 @@ def test_given_positions_do_not_raise_the_weight_of_the_rows(fewer, heard):
 def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(fewer, heard):
     every = np.tile([0.05, 0.0], (8, 1))  # metres, more than a window's
 
-    def fitted(delay_sigma: float, filters: np.ndarray):
+    def at_delays(delay_sigma: float, filters: np.ndarray):
         return at_the_end(fewer, heard[1], filters=filters, delay_sigma=delay_sigma)
 
-    shared = fitted(0.01, every).model
+    shared = at_delays(0.01, every).model
     assert shared.window_positions is not None and shared.delay_sigma < 1e-3, "no channel is late, which the rows show"
-    assert fitted(0.0, every) is None
-    one = fitted(0.0, every * (np.arange(8) == 3)[:, None])
+    assert at_delays(0.0, every) is None
+    one = at_delays(0.0, every * (np.arange(8) == 3)[:, None])
     counted = np.diag(one.model.window_precision).reshape(8, 3) > 0
     assert np.array_equal(np.flatnonzero(~counted.any(axis=1)), [3])
 
@@ -189,7 +188,7 @@ def test_an_array_is_flat_where_its_windows_show_no_heights(height, dead):
     x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
     x[:, 2] = height * np.array([1, -1, 1, -1, -1, 1, -1, 1])
     x = turned(x)
-    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1]), False)[0]
+    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), False)[0]
     L = np.linalg.cholesky(K + 0.02 * np.eye(8))
     z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
     p = z @ L.swapaxes(1, 2)
@@ -221,13 +220,19 @@ def test_a_microphone_that_may_stand_elsewhere_is_found(apart):
     assert (rival is None) == (apart < 1)
 
 
-def test_a_window_averages_the_coherence_over_its_bandwidth():
-    """White sound in Hann windows of 30 ms: the second microphone receives it up to an eighth of a window later."""
+def test_the_covariance_of_windows_is_that_of_white_sound_in_a_hann_window():
+    """Of one wave between two microphones that are 1.2 m apart, and the mean over waves from all directions."""
     window, late = np.hanning(480), np.arange(60)
-    coherence = [window[n:] @ window[: 480 - n] / (window @ window) for n in late]
+    correlation = [window[n:] @ window[: 480 - n] / (window @ window) for n in late]
     windows = ShortWindows(np.full(1, 1e3), np.zeros(1, np.int64), np.ones((1, 1, 2), complex), 0.03)
-    bandwidth = likelihood_of(windows, SOUND, np.zeros(2)).bandwidth
-    assert np.allclose(coherence, np.cos(bandwidth * SOUND * 0.03 * late / 480), atol=0.01)
+    likelihood, x = likelihood_of(windows, SOUND, np.zeros(2)), np.array([[-0.6, 0, 0], [0.6, 0, 0]])
+    k, cosine = likelihood.wavenumbers, np.linspace(-1, 1, 2001)
+    exact = np.exp(1j * k * 1.2 * cosine) * np.interp(1.2 * np.abs(cosine) / SOUND * 16000, late, correlation)
+    K = anisotropic_kernel(x, k, np.zeros(7), False, likelihood.bandwidth)[0]
+    wave = replace(first_field(x, 1), directions=np.array([[[-1.0, 0, 0]]]), powers=np.zeros((1, 1, 2)))
+    h = likelihood.waves(replace(wave, curvature=np.zeros((1, 1))), np.full((1, 2), 0.5))[0][0]
+    assert K[0, 0, 1] == pytest.approx(exact.mean().real, abs=2e-3)
+    assert h[:, 0] @ h[:, 1].conj() == pytest.approx(exact[-1], abs=0.01)
 
 
 def test_the_reflections_of_each_of_two_takes_are_found():

@@ -64,7 +64,7 @@ MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
 MAX_EXAMINED = 4  # number of microphones whose other place is tried, to save time
-# standard deviation of the angular frequency over the spectrum of a Hann window, times the length of the window
+# standard deviation of the angular frequency over the power spectrum of a Hann window, times the length of the window
 BANDWIDTH = np.pi * np.sqrt(4 / 3)
 ZERO = 1e-6  # relative eigenvalue of the information below which only the priors determine a direction
 
@@ -121,7 +121,7 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
 
 
 def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
-    """Return whether there are windows, and the array is small enough for them."""
+    """Return whether there are windows of a field in space, and of enough microphones in an array small enough."""
     if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
         return False
     x = positions[counted]
