@@ -26,6 +26,7 @@ UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others d
 # Factor by which this fraction must also exceed that of a usual channel: this quantile is still one of a healthy
 # channel if half of the channels are dead.
 UNPREDICTED_TO_USUAL, USUAL = 3.0, 0.4
+MAX_UNPREDICTED = 0.5  # fraction of such channels above which none is dead: the array is too sparse for a prediction
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:
@@ -38,15 +39,15 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     contradicted = estimate.given.contradicted
     if contradicted is not None and estimate.given.sigma == 0:  # the error of a wrong exact position appears as noise
         tau[estimate.problem.known] = contradicted.noise
-    k = np.abs(estimate.problem.wavenumbers[estimate.modes])
-    squares = np.trace(covariance, axis1=1, axis2=2)  # of one sigma, metres
-    by_position = POSITION_SIGMAS**2 * np.mean(k**2) * squares / estimate.problem.dimension
+    square = POSITION_SIGMAS**2 * np.mean(np.abs(estimate.problem.wavenumbers[estimate.modes]) ** 2)  # 1/m^2
+    by_position = square * np.trace(covariance, axis1=1, axis2=2) / estimate.problem.dimension
     least = np.clip(by_position, MIN_NOISE, MAX_BY_POSITION)
     quiet = tau * estimate.field.noise_fraction < MAX_BY_POSITION  # then the phase of the channel is well determined
     tau = np.where(tau * estimate.field.noise_fraction < least, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     fraction = np.mean(1 / (terms.precision * variance), axis=0)  # of the variance, which the others do not predict
     unpredicted = fraction > max(UNPREDICTED, UNPREDICTED_TO_USUAL * np.quantile(fraction, USUAL))
+    unpredicted &= np.mean(unpredicted) <= MAX_UNPREDICTED
     unpredicted[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
     # The solver's prior sigma excludes channels with gross faults. Where all channels differ by several decibels, it
     # excludes too many, and the median deviation of all channels is larger.
@@ -110,16 +111,14 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
     """Return the fault of a channel that position and gain do not explain: delayed, dead or noisy."""
     terms = estimate.field.terms
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
-    steps = round(MAX_DELAY / DELAY_STEP)
+    steps, f = round(MAX_DELAY / DELAY_STEP), estimate.problem.frequencies[estimate.modes]
     delays = DELAY_STEP * np.arange(-steps, steps + 1)
-    f = estimate.problem.frequencies[estimate.modes]
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
     best, undelayed = int(np.argmax(turned)), turned[steps]
     if not unpredicted and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
         return ChannelFault(name, "delayed", float(delays[best]), "s")
-    tau = estimate.channels.noise
-    dead = unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
+    tau, dead = estimate.channels.noise, unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
     return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
 
 
@@ -149,8 +148,7 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
         apart = np.linalg.norm(x - given, axis=1)
         apart[n] = np.inf
         other = int(np.argmin(apart))
-        within = max(EXCHANGED_SIGMAS * sigma[other], MIN_EXCHANGED)
-        if apart[other] >= min(within, EXCHANGED_FRACTION * away):
+        if apart[other] >= min(max(EXCHANGED_SIGMAS * sigma[other], MIN_EXCHANGED), EXCHANGED_FRACTION * away):
             faulty[n] = ChannelFault(names[n], "misplaced", away, "m")
             continue
         faulty[n] = ChannelFault(names[n], "exchanged", away, "m", names[other])

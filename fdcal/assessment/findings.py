@@ -22,7 +22,7 @@ import numpy as np
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..model.validation import length_text
 from ..solvers.interface import Estimate
-from .calibration import ChannelFault
+from .calibration import OF_LIST, ChannelFault
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text, listed
 
@@ -112,6 +112,11 @@ class Judged:
         return high & np.any(high & self.healthy[counted])
 
     @property
+    def channel_faults(self) -> list[ChannelFault]:
+        """The faults of channels, without those of given positions."""
+        return [one for one in self.faulty.values() if one.kind not in OF_LIST]
+
+    @property
     def noisy(self) -> np.ndarray:
         """Which channels have the fault "noisy" : (N,) bool."""
         return np.isin(np.arange(len(self.names)), [n for n, one in self.faulty.items() if one.kind == "noisy"])
@@ -124,23 +129,33 @@ UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the
 # Fraction of the power that a healthy measurement may leave unexplained beside its noise. In measured arrays the
 # microphones predict each other to -27 to -32 dB at the true positions; simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
+MAX_UNEXPLAINED = 0.12  # largest fraction of channels that the field does not explain without a common cause
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
 
 
 def _many_faulty(seen: Judged) -> str:
-    faults, named = seen.faulty.values(), listed(one.name for one in seen.faulty.values())
-    unused = " and not used" * all(one.kind in ("dead", "noisy") for one in faults)
-    rest = f"the other {seen.healthy.sum()} are placed, {precision(one_sigma(seen.covariance)[seen.healthy])}"
-    return f"{len(faults)} of {len(seen.names)} channels are faulty{unused}: {named}; {rest}, too few for a check"
+    faults, count = seen.channel_faults, len(seen.names)
+    sigma = f"; {precision(_sought_sigma(seen))}" * seen.estimate.converged
+    few = f"the other {count - len(faults)} are too few to check these positions{sigma}"
+    return f"{len(faults)} of {count} channels are faulty: {faults_text(faults)}; {few}"
+
+
+def _sought_sigma(seen: Judged) -> np.ndarray:
+    """Return one sigma (K,), metres, of the healthy microphones sought, or of all healthy ones if all are given."""
+    sought = np.setdiff1d(np.flatnonzero(seen.healthy), seen.estimate.problem.known)
+    return one_sigma(seen.covariance)[sought if len(sought) else seen.healthy]
+
+
+def _many_unexplained(seen: Judged, limit: float) -> bool:
+    return len(seen.unexplained) > max(2, limit * len(seen.names))
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
     """Whether too many given positions are wrong, or too few are right to fix the frame; one may be misplaced."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
-    misplaced = sum(one.kind == "misplaced" for one in wrong)
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
-    return few or misplaced > max(1, limit * len(problem.known))
+    return few or sum(one.kind == "misplaced" for one in wrong) > max(1, limit * len(problem.known))
 
 
 def _disagreement(seen: Judged) -> str:
@@ -153,8 +168,7 @@ def _disagreement(seen: Judged) -> str:
 
 
 def _impossible_speed(seen: Judged) -> str:
-    given = "position of a microphone" if seen.scale is None else "distance"
-    c = seen.estimate.problem.sound_speed
+    given, c = "position of a microphone" if seen.scale is None else "distance", seen.estimate.problem.sound_speed
     return (
         f"with the {given} given the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
         " the sound speed is wrong, or the array was not found"
@@ -163,14 +177,11 @@ def _impossible_speed(seen: Judged) -> str:
 
 def _good(seen: Judged) -> str:
     """Return the message for an array that no check contradicts, with the faults of its channels."""
-    given, known = seen.given_noise, seen.estimate.problem.known
-    sought = seen.healthy & ~np.isin(np.arange(len(seen.covariance)), known)
-    sigma = one_sigma(seen.covariance)[sought if np.any(sought) else seen.healthy]
+    noise, given = seen.given_noise, seen.estimate.given
     used = float(np.median(seen.estimate.field.noise))  # may differ from the given noise
-    words = precision(sigma, seen.residual_to_noise * used / given if given else None)
-    given_estimate = seen.estimate.given
-    if len(known) and given_estimate.sigma > INACCURATE * given_estimate.expected_sigma:
-        words += f"; the given positions are inaccurate, one sigma {length_text(given_estimate.sigma, 2)}"
+    words = precision(_sought_sigma(seen), seen.residual_to_noise * used / noise if noise else None)
+    if len(seen.estimate.problem.known) and given.sigma > INACCURATE * given.expected_sigma:
+        words += f"; the given positions are inaccurate, one sigma {length_text(given.sigma, 2)}"
     if seen.estimate.window_ratio > CONTRADICTION:
         sigmas = f"{np.sqrt(seen.estimate.window_ratio):.1f} sigma"
         words += f"; the arrays by short windows and by long spectra differ by {sigmas}, which enlarges one sigma"
@@ -208,8 +219,7 @@ def _least_certain(seen: Judged) -> str:
 
 def _in_doubt(seen: Judged) -> str:
     """Return the words for the positions that decide between the array and its rival."""
-    away = np.array(seen.rival)
-    away[seen.estimate.problem.known] = 0.0
+    away = np.where(np.isin(np.arange(len(seen.rival)), seen.estimate.problem.known), 0.0, seen.rival)
     return _positions_of(seen, np.where(away >= away.max() / 2, away, 0.0))
 
 
@@ -219,10 +229,9 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
     In living rooms and halls its position is usually right all the same. From M frequencies the noise of a channel is
     known with a relative error of about 1 / sqrt(M).
     """
-    if seen.noisiest < 0 or not seen.by_rows:
-        return False
-    rows, found = len(seen.estimate.field.power), float(seen.estimate.channels.noise[seen.noisiest])
-    return seen.noise_fraction > ROOM_FRACTION and found > max(limit, 1 + 9 / np.sqrt(rows))
+    least = max(limit, 1 + 9 / np.sqrt(len(seen.estimate.field.power)))
+    judged = seen.noisiest >= 0 and seen.by_rows and seen.noise_fraction > ROOM_FRACTION
+    return judged and bool(seen.estimate.channels.noise[seen.noisiest] > least)
 
 
 @dataclass(frozen=True)
@@ -247,14 +256,15 @@ FINDINGS: tuple[Finding, ...] = (
             0.3, "noise over the power; above this the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array, because there are hardly any reflections"),
-    Finding("model_mismatch",  # if most of the faulty channels are noisy, the field model may be the cause: see below
-            lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names), 2 * seen.noisy.sum()),
+    Finding("model_mismatch",  # if half of them are noisy, the cause may be the field model: the next row
+            lambda seen, limit: len(seen.channel_faults) > max(2, limit * len(seen.names))
+            and not (2 * seen.noisy.sum() >= len(seen.channel_faults) and _many_unexplained(seen, MAX_UNEXPLAINED)),
             _many_faulty, "check their cables and gains",
-            0.3, "fraction of channels with any fault; above this too few healthy channels remain to compare with"),
-    Finding("model_mismatch", lambda seen, limit: len(seen.unexplained) > max(2, limit * len(seen.names)),
+            0.3, "fraction of channels with a fault of their own; above this too few channels remain to compare with"),
+    Finding("model_mismatch", _many_unexplained,
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", 0.12, "fraction of channels that the field does not explain; more have a common cause"),
+            "", MAX_UNEXPLAINED, "fraction of channels that the field does not explain; more have a common cause"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
@@ -337,6 +347,5 @@ def first_finding(seen: Judged, findings: Sequence[Finding] = FINDINGS) -> tuple
     words, measured = found.words(seen), seen.estimate.problem.frequencies
     used = len(measured[seen.estimate.modes])
     more = f"use <modes> {min(2 * used, len(measured))}, or " if used < len(measured) else ""
-    remedy = found.remedy if isinstance(found.remedy, str) else found.remedy(seen)
-    remedy = remedy.replace(MORE_MODES, more)
+    remedy = (found.remedy if isinstance(found.remedy, str) else found.remedy(seen)).replace(MORE_MODES, more)
     return found.code, f"{words}; {remedy}" if remedy else words

@@ -77,7 +77,7 @@ def as_single_wave(e: Estimate) -> Estimate:
 
 def with_inverted(e: Estimate, count: int) -> Estimate:
     gains = np.array(e.channels.gains)
-    gains[:count, 1] = np.pi
+    gains[-count:, 1] = np.pi
     return replace(e, channels=replace(e.channels, gains=gains))
 
 
@@ -249,8 +249,7 @@ def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
 
 
 def test_noise_given_of_modes_that_are_not_in_use_decides_nothing(estimate):
-    half = slice(0, MODES // 2)
-    noise = np.array(estimate.problem.noise_power)
+    half, noise = slice(0, MODES // 2), np.array(estimate.problem.noise_power)
     noise[half.stop :] *= 1e-6
     for modes, count in ((half, 1), (slice(None), 0)):
         found = replace(estimate, modes=modes, problem=replace(estimate.problem, noise_power=noise))
@@ -293,8 +292,7 @@ def test_the_loosest_given_microphone_does_not_depend_on_its_own_prior(estimate)
 
 def test_given_positions_that_are_wrong_leave_the_others_to_place_the_array(estimate):
     """Of four in the plane three suffice; two do not, and then nothing is known of any."""
-    names = [str(n) for n in range(len(estimate.positions))]
-    seen = []
+    names, seen = [str(n) for n in range(len(estimate.positions))], []
     with_probability = replace(estimate.given, probability=lambda kept: seen.append(kept) or 0.5)
     for wrong in (0, 1, 3):
         found = judged(replace(with_given_moved(estimate, wrong), given=with_probability), names)
@@ -340,8 +338,7 @@ def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind)
     """Of draws of the array and of the list from their covariances, a fraction p falls below p."""
     rng, D = np.random.default_rng(3), 2
     covariance = blind.spread.covariance
-    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(covariance)))
-    drawn = []
+    root, drawn = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(covariance))), []
     for _ in range(300):
         moved = blind.positions + (root @ rng.standard_normal(len(root))).reshape(-1, D)
         listed = blind.positions[KNOWN] + blind.given.expected_sigma * rng.standard_normal((len(KNOWN), D))
@@ -396,8 +393,7 @@ def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
     precision[:, n] *= 3.0
     terms = replace(terms, weighted=weighted, precision=precision)
     spoilt = replace(estimate, field=replace(estimate.field, terms=terms))
-    faulty = {n: ChannelFault("", "noisy", 20.0, "dB")}
-    names = [""] * len(estimate.positions)
+    faulty, names = {n: ChannelFault("", "noisy", 20.0, "dB")}, [""] * len(estimate.positions)
     figures = [judged(one, names, faulty=faulty).residual_to_noise for one in (estimate, spoilt)]
     assert figures[0] == pytest.approx(figures[1], rel=1e-12)
 
@@ -474,8 +470,7 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
 def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
     """A sound field in space, sampled on a plane: sinc in place of J_0."""
     rng, count = np.random.default_rng(2), 160
-    k = np.linspace(1.0, 5.0, count)
-    directions = rng.normal(size=(count, 60, 3))
+    k, directions = np.linspace(1.0, 5.0, count), rng.normal(size=(count, 60, 3))
     directions /= np.linalg.norm(directions, axis=2, keepdims=True)
     waves = np.exp(-1j * k[:, None, None] * np.einsum("mda,na->mdn", directions[..., :2], TRUTH))
     pressures = ((rng.normal(size=(count, 1, 60)) + 1j * rng.normal(size=(count, 1, 60))) @ waves)[:, 0]

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fields import disc, measured
-from solving import solved
+from fields import disc, measured, waves
+from solving import estimated_at, solved
 
 import fdcal
 from fdcal.assessment.assess import Assessment, assess, judged
 from fdcal.assessment.calibration import ChannelFault
 from fdcal.assessment.channels import exchanged_back, faulty_channels
+from fdcal.assessment.findings import precision
 from fdcal.assessment.uncertainty import covariance_of
 from fdcal.assessment.words import faults_text
 from fdcal.model.measurement import Measurement
@@ -119,11 +120,32 @@ def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mi
 
 def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_them(estimate):
     dead, field = np.setdiff1d(np.arange(COUNT), KNOWN)[:10], estimate.field
-    precision, power = np.array(field.terms.precision), field.power[:, None] + field.noise[:, None]
-    precision[:, dead] = 1 / power  # the others predict nothing of them
-    found = assess(replace(estimate, field=replace(field, terms=replace(field.terms, precision=precision))), NAMES)
+    weights, power = np.array(field.terms.precision), field.power[:, None] + field.noise[:, None]
+    weights[:, dead] = 1 / power  # the others predict nothing of them
+    silent = replace(estimate, field=replace(field, terms=replace(field.terms, precision=weights)))
+    found = assess(silent, NAMES)
     assert [fault.kind for fault in found.channels.faults] == 10 * ["dead"] and found.verdict == "model_mismatch"
-    assert found.message.startswith("10 of 20 channels are faulty and not used: ")
+    sigma = precision(found.uncertainty[np.setdiff1d(np.arange(COUNT), [*KNOWN, *dead])])
+    assert found.message.startswith("10 of 20 channels are faulty: microphones 1, ")
+    assert f"dead; the other 10 are too few to check these positions; {sigma}; " in found.message
+    assert "sigma" not in assess(replace(silent, converged=False), NAMES).message
+
+
+def test_few_faulty_channels_of_a_small_array_are_too_many_whether_or_not_half_of_them_are_noisy():
+    known = [0, 3, 6, 8]
+    small = solved(measured(disc(10, 0.3, 3, (2.6, 2.3)), np.array(known), snr_db=40.0, modes=MODES)).estimate
+    noise, gains = np.array(small.channels.noise), np.array(small.channels.gains)
+    noise[[1, 2]], gains[[4, 5], 1] = 1e4, np.pi
+    found = assess(replace(small, channels=replace(small.channels, noise=noise, gains=gains)))
+    assert found.verdict == "model_mismatch" and "4 of 10 channels are faulty" in found.message
+
+
+def test_in_an_array_too_sparse_for_a_prediction_no_channel_is_dead():
+    x = np.concatenate([disc(9, 0.05), np.random.default_rng(0).uniform(-2, 2, (11, 2))])
+    f = np.linspace(100, 400, MODES)
+    pressures = waves(x, 2 * np.pi * f / 343, noise=1e-3)
+    end = estimated_at(Measurement(f, pressures, 343.0, positions=x, known=np.array([0, 3, 6, 8])))
+    assert faulty_channels(end, covariance_of(end), NAMES) == {}
 
 
 def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):

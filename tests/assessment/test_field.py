@@ -40,8 +40,7 @@ def every(measurement: Measurement) -> slice:
 @pytest.mark.parametrize("faulty", [(), (3, 7)])
 @pytest.mark.parametrize("measurement", [plane(40.0), space()], ids=["plane", "space"])
 def test_leave_one_out_errors_are_those_of_a_fit_without_the_microphone(measurement, faulty):
-    problem = measurement.problem()
-    modes = slice(2, 3)
+    problem, modes = measurement.problem(), slice(2, 3)
     healthy = ~np.isin(np.arange(measurement.count), faulty)
     errors = leave_one_out_errors(problem, measurement.positions, modes, problem.noise_power, healthy)
     x, p = measurement.positions, problem.pressures[2]

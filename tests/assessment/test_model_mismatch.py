@@ -19,8 +19,7 @@ SPEED, MODES, KNOWN = 343.0, 30, np.array([0, 5, 11, 17])
 def anechoic(dimension):
     """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
     x = disc(24) if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (18, 3))
-    f = np.linspace(60, 400, 14)
-    r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
+    f, r = np.linspace(60, 400, 14), np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
     return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
 
 

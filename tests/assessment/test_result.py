@@ -174,8 +174,7 @@ def result(D: int = 3, **changes) -> Calibration:
 def test_positions_are_given_in_the_axes_of_the_true_positions():
     truth = np.random.default_rng(0).uniform(size=(9, 2))
     measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
-    plain = replace(result(2), names=tuple("abcdefghi"))
-    turned = truth[:, ::-1] + [3.0, -1.0]
+    plain, turned = replace(result(2), names=tuple("abcdefghi")), truth[:, ::-1] + [3.0, -1.0]
     assert np.array_equal(replace(plain, positions=turned).positions_for(measurement), turned)
     aligned = replace(plain, positions=turned, aligned=True)
     assert np.allclose(aligned.positions_for(measurement), truth)
@@ -191,8 +190,7 @@ def test_errors_are_of_the_microphones_sought_whose_channels_are_healthy():
     found[4] += 5.0  # a dead channel
     plain = replace(result(2, uncertainty=None, covariance=None), names=tuple("abcdefghi"), positions=found)
     faults = (ChannelFault("e", "dead"), ChannelFault("h", "misplaced", 0.007, "m"))
-    channels = Channels(*np.zeros((5, 9)), faults)
-    of_all = plain.compared_with(measurement)
+    channels, of_all = Channels(*np.zeros((5, 9)), faults), plain.compared_with(measurement)
     assert of_all.mean_error == pytest.approx(np.mean(of_all.errors)) and of_all.max_error > 5
     assert replace(plain, channels=channels).healthy.tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
     some = replace(plain, channels=channels).compared_with(measurement, (7, 8))
@@ -247,8 +245,7 @@ def test_a_frame_keeps_distances_and_depends_on_nothing_but_them(seed, dimension
 
 def scattered(seed: int, dimension: int, count: int = 20) -> np.ndarray:
     """Positions none of which is close to another, somewhere and turned."""
-    rng = np.random.default_rng(seed)
-    axes = np.meshgrid(*[np.arange(5)] * dimension)
+    rng, axes = np.random.default_rng(seed), np.meshgrid(*[np.arange(5)] * dimension)
     cells = np.stack([a.ravel() for a in axes], axis=1)[rng.permutation(5**dimension)[:count]]
     places = 0.2 * cells + rng.uniform(-0.05, 0.05, (count, dimension))
     return places @ turn(seed, dimension) + rng.normal(size=dimension)

@@ -184,8 +184,7 @@ def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
     """
     rng, truth = np.random.default_rng(seed), np.array([1.0, -2.0])
     A = np.stack([np.ones((blocks, 20)), rng.normal(size=(blocks, 20))], axis=-1)
-    y = A @ truth + scale * rng.normal(size=(blocks, 20))
-    parts = np.swapaxes(A, 1, 2) @ A
+    y, parts = A @ truth + scale * rng.normal(size=(blocks, 20)), np.swapaxes(A, 1, 2) @ A
     P = np.linalg.inv(parts.sum(axis=0))
     x = P @ np.einsum("bij,bi->j", A, y)
     gradients = -np.einsum("bij,bi->bj", A, y - A @ x)

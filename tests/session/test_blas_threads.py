@@ -36,8 +36,7 @@ def test_the_last_of_several_computations_takes_it_back_also_after_an_error(two_
 
 
 def test_a_calibration_has_one_thread_and_takes_it_back_and_so_does_a_command(two_threads):
-    seen = []
-    measurement = fdcal.simulate("tiny")
+    seen, measurement = [], fdcal.simulate("tiny")
     fdcal.calibrate(measurement, modes=8, progress=lambda done, note: seen.extend(threads()))
     assert set(seen) == {1}
     assert set(threads()) == {2}

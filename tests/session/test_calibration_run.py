@@ -63,8 +63,7 @@ def test_nothing_simulates_it():
 
 
 def test_a_session_has_the_measurement_and_no_path(measurement, tmp_path):
-    scene = load_scene(NAME)
-    joint = solvers.load("joint")
+    scene, joint = load_scene(NAME), solvers.load("joint")
     scene = edited(scene, {"solver.name": "joint", "solver.modes": 20})
     state = joint.init(measurement.problem(scene.solver.weights), scene.solver, 0)
     path = tmp_path / "session.zip"

@@ -192,8 +192,7 @@ def test_arrival_times_say_what_the_solver_takes_them_to_say():
     places, x = planning.positions_in_room(request), request.layout.positions
     source = np.array([1.0, 1.0, 1.0])
     away, sigma = source - places.mean(axis=0), np.array([planning.FORECAST.arrival_sigma_m])
-    distance = np.linalg.norm(away)
-    path = np.linalg.norm(places - source, axis=1)
+    distance, path = np.linalg.norm(away), np.linalg.norm(places - source, axis=1)
     start = TakeSources(away[None] / distance, np.array([1 / distance]), np.zeros(1))
     term = Arrivals((path - np.median(path))[None], np.ones((1, 16), bool), sigma, sigma, 3, start).terms(x)
     found = planning.arrival_matrix(places, source, 3)

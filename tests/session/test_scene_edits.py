@@ -65,8 +65,7 @@ def test_a_smaller_array_stands_in_a_smaller_domain(name):
 def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name, count):
     scene = load_scene(name)
     changed = with_parameters(scene, dataclasses.replace(parameters_of(scene), microphones=count, known=5))
-    positions = positions_of(changed)
-    known = changed.gauge.indices(count)
+    positions, known = positions_of(changed), changed.gauge.indices(count)
     assert len(positions) == count and len(known) == 5 and fixes_gauge(positions[list(known)])
     square = load_scene("fig1_square")
     changed = with_parameters(square, dataclasses.replace(parameters_of(square), microphones=30, known=3))

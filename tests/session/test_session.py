@@ -390,8 +390,7 @@ def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(
 def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make, monkeypatch):
     monkeypatch.setattr(module, "YIELD_TIME", 0.1)
     reference_cost = Slow(0.02)
-    session = make(Counter(), reference_cost=reference_cost)
-    end = time.monotonic() + 0.5
+    session, end = make(Counter(), reference_cost=reference_cost), time.monotonic() + 0.5
     moves = 0
     while time.monotonic() < end:
         moves += 1
