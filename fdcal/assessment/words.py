@@ -64,7 +64,7 @@ def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
 
 
 def plane_words(measurement: Measurement) -> str:
-    """Return a sentence on an array in a room whose heights are not sought; "" for any other array."""
+    """Return a sentence if the heights of the microphones are not sought; else ""."""
     return "all microphones are sought in one plane" if measurement.array_dimension < measurement.dimension else ""
 
 

@@ -85,7 +85,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
     positions, title, floor, volume, n = None, scene_shown.title, None, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
-        title += f": {error_title(measurement, found)}"
+        title = ": ".join(filter(None, (title, error_title(measurement, found))))
     if microphone is not None:
         n = microphone_index(microphone, measurement.names, "microphone")
         modes = len(found.frequencies) if found else with_mode_count(problem_of(inputs), inputs.settings).modes
@@ -93,8 +93,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
         floor, volume = map_of(inputs, shown_positions(measurement, found), n, modes, height)
         if volume is not None:
             title += f"\nCost of moving microphone {measurement.names[n]}"
-    picture = compose(scene_shown, measurement, positions, n, floor, title)
-    png = render_png(with_volume(picture, volume), size, view)
+    png = render_png(with_volume(compose(scene_shown, measurement, positions, n, floor, title), volume), size, view)
     write_atomically(path, lambda file: file.write_bytes(png), force)
     print(path)
 
@@ -127,8 +126,7 @@ def replay(source, solver, modes, seed, microphone, output, force):
     source = replace(inputs.measurement, search=search_around(states[-1].positions, inputs.measurement.search))
     measurement = source if inputs.scene is None else as_given(inputs.scene, source)
     problem = source.problem(inputs.settings.weights, inputs.settings.known)
-    sought = counted_microphones(inputs, states[-1])
-    cost = reference_cost_of(problem)
+    sought, cost = counted_microphones(inputs, states[-1]), reference_cost_of(problem)
     text = replay_html(inputs.scene, measurement, states, title, cost, sought, problem=problem, microphone=microphone)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")

@@ -24,7 +24,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
     if said["array"] and inputs.scene is None:
-        said["array"] += word_arguments("; in space: import with <array_dimension> 3", OPTIONS)
+        said["array"] += word_arguments("; to seek heights, too, import with <array_dimension> 3", OPTIONS)
     sigma = result.sound_speed_sigma
     if inputs.distance is not None or sigma is not None:
         certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"
@@ -49,8 +49,11 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
 
 UNITS_APART = 2.0  # a list whose size differs by at least this factor counts as one in another unit
-TWO_MOTIONS = "the distances below differ from the line error: here the array is moved onto the rows that fit"
-MAX_APART = 0.05  # relative difference of the largest distances by two alignments above which a sentence explains it
+TWO_MOTIONS = 'these distances differ from those in the line "error", because the array is moved onto the list'
+TWO_MOTIONS += " without the wrong rows"
+# Relative difference of the largest errors by two alignments above which a sentence explains it; a smaller one hardly
+# shows in the millimetres that are printed.
+MAX_APART = 0.05
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
@@ -64,10 +67,11 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
     names = inputs.labels or inputs.measurement.names
     lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
-    error = (result.aligned and result.max_error) or 0.0
-    if abs(check.errors.max() - error) > MAX_APART * error > 0:
+    error, scaled = (result.aligned and result.max_error) or 0.0, _size_is_open(inputs, result)
+    apart = abs(check.errors[result.counted(inputs.given)].max() - error)
+    if check.fits and check.scale == 1 and not scaled and apart > MAX_APART * error > 0:
         lines.insert(-len(names), TWO_MOTIONS)
-    if _size_is_open(inputs, result):
+    if scaled:
         size = f"the size of the array found is not to be trusted ({result.verdict})"
         lines.append(f"{size}: the array is scaled to the size of the list for this comparison")
     return "\n".join(lines)
@@ -94,8 +98,9 @@ def takes_report(
     wrong, faults = list[str](), () if result.channels is None else result.channels.faults
     if check is not None and listed is not None and check.fits:
         wrong = words.list_faults(check, fit_result(check, result, listed), inputs.labels or result.names)
-    count = words.counted(takes, "take")
-    lines = [f"result  {count}, {len(result.names)} microphones, one sigma {length_text(sigma, 2)}"]
+    lines = [
+        f"result  {words.counted(takes, 'take')}, {len(result.names)} microphones, one sigma {length_text(sigma, 2)}"
+    ]
     if result.mean_error is not None:
         lines.append(f"list    {words.error_words(result)} from {inputs.compared_with}")
         if check is not None and not check.fits:
@@ -107,9 +112,8 @@ def takes_report(
     else:
         after = sigma * float(np.sqrt(takes / (takes + 1)))  # with the information of an average take
         lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}")
-    kinds = {fault.name: fault.kind for fault in faults}
-    head = "".join(f"{axis + ' (m)':>10}" for axis in "xyz"[: result.positions.shape[1]])
-    lines.append(f"microphone{head}   one sigma")
+    kinds, axes = {fault.name: fault.kind for fault in faults}, "xyz"[: result.positions.shape[1]]
+    lines.append(f"microphone{''.join(f'{axis} (m)'.rjust(10) for axis in axes)}   one sigma")
     for name, position, one in zip(result.names, result.positions, sigmas, strict=True):
         cells = "".join(f"{x:z10.4f}" for x in position)
         lines.append(f"{name:>10}{cells}{length_text(one, 2):>12}  {kinds.get(name, '')}".rstrip())

@@ -699,10 +699,10 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     channels that were left out of the measurement, whose number is `excluded`.
     """
     rows = _rows(measurement.names, placed.names, excluded)
-    positions = np.asarray(placed.positions)[rows]
-    D = measurement.array_dimension
+    positions, D = np.asarray(placed.positions)[rows], measurement.array_dimension
     if D == 2 and np.ptp(positions[:, 2]) > max(FLAT, NEARLY_FLAT * np.ptp(positions[:, :2], axis=0).max()):
-        raise InputError("the array lies in a plane, but z differs", "give <positions> as x, y in it", key="positions")
+        problem = "the array lies in a plane, but z differs between the positions"
+        raise InputError(problem, "give x and y in that plane", key="positions")
     return replace(measurement, positions=positions[:, :D], nominal=False)
 
 

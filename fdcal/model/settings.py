@@ -233,7 +233,9 @@ class SolverSettings:
         "reported", "SNR of each frequency, dB; auto: estimate it; reported: that of the file.", "DB|auto|reported"
     )
     known: Literal["all", "minimal", "none"] = option(
-        "all", "Known microphones to use; minimal: the fewest that fix the axes.", "all|minimal|none|NAMES|FILE.csv"
+        "all",
+        "Known microphones to use; minimal: the fewest that fix position, rotation and mirror image.",
+        "all|minimal|none|NAMES|FILE.csv",
     )
     gains: Annotated[Literal["auto", "fixed"], within(solver="robust")] = option(
         "auto", "Whether solver robust seeks gain and phase of every channel."

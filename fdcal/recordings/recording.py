@@ -102,7 +102,8 @@ def read_samples(recording: Recording, start: int, stop: int, channels=None) -> 
     if values.shape != (len(channels), stop - start):
         raise InputError(f"{recording.path} is truncated between the samples {start} and {stop}", "copy it again")
     values = values.astype(float)
-    if not (np.max(values, initial=0) <= LIMITS.strongest and np.min(values, initial=0) >= -LIMITS.strongest):  # or NaN
+    # both comparisons are False for NaN
+    if not (np.max(values, initial=0) <= LIMITS.strongest and np.min(values, initial=0) >= -LIMITS.strongest):
         row, column = np.argwhere(~(np.abs(values) <= LIMITS.strongest))[0]
         name, wrong = recording.names[channels[row]], values[row, column]
         what = f"{wrong:.3g}, too large for a sound" if np.isfinite(wrong) else "not a finite number"

@@ -203,8 +203,8 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     low = f <= DOCTOR_RULES.low_frequency
     low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
     one = overall < DOCTOR_RULES.field_db
-    text = f"at the lowest third of the frequencies a sound field predicts each microphone to {overall:.1f} dB,"
-    text += f" the mean of the others to {mean_db:.1f} dB"
+    text = "at the lowest third of the frequencies the error of predicting each microphone by a sound field is"
+    text += f" {overall:.1f} dB, by the mean of the others {mean_db:.1f} dB"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
     field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
@@ -220,12 +220,11 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     if not np.isfinite(low_db):
         text += f"; no frequencies {below} to compare with"
         return [field, Answer("measured", "unknown", text, 1e3 * median, "mm")]
-    text += f"; {below} the field predicts to {low_db:.1f} dB"
+    text += f"; {below} the error of predicting each microphone is {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"
-    found = (("rays", ""),) if rays else ()
-    return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", found)]
+    return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", (("rays", ""),) * rays)]
 
 
 def _size(

@@ -436,7 +436,7 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
     """Return in words what the pressures and the given positions do not determine."""
     x, found, D = request.layout.positions, [], request.layout.positions.shape[1]
     if not fixes_gauge(x[request.prior.known]):
-        what, line = ("the array's plane", "on one line") if D == 2 else ("the array", "in one plane")
+        what, line = ("the array in its plane", "on one line") if D == 2 else ("the array", "in one plane")
         side = "; the side of the array's plane on which the source was is not determined"
         found.append(
             f"pressures determine {what} up to a rotation, a translation and a mirror image; {D + 1} given positions"

@@ -341,10 +341,10 @@ class Explore:
         errors = measurement.errors(view.state.best_positions, sought)
         faulty = len(viewer.run.sought) - len(sought)
         error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
-        verdict = [] if viewer.found is None else [viewer.found.verdict]
-        word = state_word(view.state, view.running, view.error, *verdict)
+        word = state_word(view.state, view.running, view.error, *([viewer.found.verdict] if viewer.found else ()))
         word = "Start of a new run" if word == NOT_STARTED else word
-        return escape((": " if ";" in word else ", ").join(filter(None, (word, error, plane_words(measurement)))))
+        said = (": " if ";" in word else ", ").join(filter(None, (word, error)))
+        return escape("; ".join(filter(None, (said, plane_words(measurement)))))
 
     def _sheet(self, viewer: Viewer) -> str:
         shown = viewer.run.scene.name

@@ -37,8 +37,7 @@ def test_order_and_highest_frequency_follow_eqs_3_and_9():
 
 
 def test_lattice_table_is_the_dictionary_of_its_points():
-    search = Search((1.5, 0.4), (1.0, 0.8), 0.1, 0.7)
-    k = np.array([0.5, 6.0 - 0.05j])
+    search, k = Search((1.5, 0.4), (1.0, 0.8), 0.1, 0.7), np.array([0.5, 6.0 - 0.05j])
     orders = dictionary.max_order(k, search.radius, 2)
     lattice = dictionary.LatticeDictionary(search, k, orders)
     assert lattice.points.shape == (11 * 9, 2)
@@ -206,8 +205,7 @@ def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():
 
 @pytest.fixture
 def response_file(tmp_path):
-    path = tmp_path / "response.mat"
-    rng = np.random.default_rng(0)
+    path, rng = tmp_path / "response.mat", np.random.default_rng(0)
     angles = {"azi_rad": rng.uniform(-3, 3, 200), "ele_rad": rng.uniform(-1.5, 1.5, 200)}
     savemat(path, {"p": rng.normal(size=200) * np.exp(-np.arange(200) / 20), **angles, "fs": 48000.0})
     return path

@@ -78,8 +78,7 @@ def test_absorbing_end_of_a_tube_reflects_as_it_should(beta):
     grid = make_grid(Room(size=(length * 0.01, 0.01), cell=0.01), 1.5 * C / 0.01)
     loss = np.zeros_like(grid.loss)
     loss[0, -1] = 0.5 * grid.courant * beta  # the far end alone absorbs
-    grid = dataclasses.replace(grid, loss=loss)
-    x = np.arange(length) + 0.5
+    grid, x = dataclasses.replace(grid, loss=loss), np.arange(length) + 0.5
     wave = lambda steps: np.exp(-(((x - 1000 - steps * grid.courant) / 100) ** 2))[None]  # noqa: E731
     _, p = advance(grid, wave(-1), wave(0), round(1500 / grid.courant))
     reflected = p[0, np.abs(p[0]).argmax()]
@@ -100,8 +99,7 @@ def test_one_thread_or_several_give_the_same(monkeypatch):
 
 def test_recordings_are_those_of_the_scheme_step_by_step():
     room = Room(outline=L_SHAPE, cell=H, walls="absorbing", admittance=0.2)
-    grid = make_grid(room, FS)
-    ears = np.array([(0.33, 0.42), (1.77, 0.21)])
+    grid, ears = make_grid(room, FS), np.array([(0.33, 0.42), (1.77, 0.21)])
     recordings = simulate(room, SOURCE, ears)
     p_old = p = np.zeros(grid.mask.shape)
     rows, columns = (ears[:, ::-1] / H).astype(int).T
@@ -116,8 +114,7 @@ def test_pulse_is_flat_silent_at_first_and_without_a_mean():
     samples = pulse(Source(position=(0, 0)))
     assert abs(math.fsum(samples)) < 1e-17
     assert abs(samples[0]) < 1e-3 * np.abs(samples).max()
-    gain = np.abs(np.fft.rfft(samples, 1 << 16))
-    frequency = np.fft.rfftfreq(1 << 16, 1 / 28590)
+    gain, frequency = np.abs(np.fft.rfft(samples, 1 << 16)), np.fft.rfftfreq(1 << 16, 1 / 28590)
     band = (frequency >= 20) & (frequency <= 3000)
     assert np.all(np.abs(gain[band] - 1) < 0.01)
     assert np.all(gain[frequency > 3030] < 0.01)

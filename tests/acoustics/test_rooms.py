@@ -65,8 +65,7 @@ def test_every_wall_has_its_condition(room):
 
 def images(places, source, size, k, sign, reach):
     """Sum over the mirror images of the source, exp(-j k d) / (4 pi d), within `reach` metres; sign of a reflection."""
-    total = np.zeros(len(places), complex)
-    lines = []
+    total, lines = np.zeros(len(places), complex), []
     for length, x in zip(size, source, strict=True):
         cells = np.arange(-math.ceil(reach / length) - 1, math.ceil(reach / length) + 2)
         lines.append((np.where(cells % 2 == 0, cells * length + x, (cells + 1) * length - x), sign ** (cells % 2)))
@@ -127,8 +126,7 @@ def ball():
 
 @pytest.mark.parametrize("call", [measure, check_scene])
 def test_a_duration_of_days_is_refused_at_once(call, ball):
-    scene = replace(ball, source=replace(ball.source, duration=1e6))
-    began = time.process_time()
+    scene, began = replace(ball, source=replace(ball.source, duration=1e6)), time.process_time()
     with pytest.raises(InputError, match=r"source\.duration = 1e\+06 s .* use at most [\d.]+ s") as caught:
         call(scene)
     assert time.process_time() - began < 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.commands.report import error_title, summary
+from fdcal.commands.report import TWO_MOTIONS, comparison, comparison_text, error_title, summary
 from fdcal.model.validation import length_text
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
@@ -54,7 +54,18 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
     assert line_of(summary(inputs, unknown), "error").endswith(f"one sigma {sigma}")
     room = replace(inputs, measurement=replace(inputs.measurement, dimension=3), scene=None)
-    assert "sought in one plane; in space: import with --array-dim" in line_of(summary(room, found), "array")
+    assert "one plane; to seek heights, too, import with --array-dim" in line_of(summary(room, found), "array")
+
+
+@pytest.mark.parametrize("away", [0.0, 0.1])
+def test_distances_without_the_wrong_rows_are_explained_where_they_differ_from_the_errors(inputs, found, away):
+    blind = replace(inputs.measurement, known=np.zeros(0, int), known_positions=None)
+    places = found.positions + 1e-3 * np.random.default_rng(0).normal(size=found.positions.shape)
+    places[3, 0] += away
+    moved = replace(inputs, measurement=replace(blind, positions=places))
+    result = replace(found, aligned=True, known=()).compared_with(moved.measurement)
+    check = comparison(moved, result)
+    assert check.fits and (TWO_MOTIONS in comparison_text(moved, result, check, None)) == (away > 0)
 
 
 # What the plot commands write beside a picture.

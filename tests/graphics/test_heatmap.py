@@ -31,8 +31,7 @@ def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
 
 
 def test_a_diamond_stands_where_the_cost_is_lowest():
-    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
-    cost = np.ones((3, 5))
+    search, cost = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1), np.ones((3, 5))
     cost[1, 3] = 0.5
     floor = cost_floor(cost, search)
     np.testing.assert_allclose(floor.lowest, [(1.3, 2.1)])

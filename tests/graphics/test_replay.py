@@ -211,8 +211,7 @@ def opened(browser, path, text, address=""):
 
 @pytest.mark.parametrize(("dimension", "array_dimension", "corrected"), [(2, 2, True), (3, 2, False), (3, 3, True)])
 def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimension, array_dimension, corrected):
-    measurement = measured(dimension, array_dimension)
-    channels = None
+    measurement, channels = measured(dimension, array_dimension), None
     if corrected:
         rng = np.random.default_rng(3)
         channels = ChannelCorrection(np.exp(rng.normal(size=44) * (0.3 + 1j)), rng.uniform(1, 9, 44))

@@ -110,8 +110,7 @@ def test_array_round_a_corner_or_on_both_sides_of_a_slot_is_refused():
 
 @pytest.mark.parametrize("name", ["ball3d", "plane3d"])
 def test_the_measurement_is_the_field_at_the_microphones(name):
-    scene = load_scene(name)
-    few = Array("box", (1.9, 1.6, 1.3), count=6, size=(0.6, 0.6, 0.4))
+    scene, few = load_scene(name), Array("box", (1.9, 1.6, 1.3), count=6, size=(0.6, 0.6, 0.4))
     if name == "plane3d":
         few = Array("plane", (1.9, 1.6, 1.3), shape=(3, 2), size=(0.6, 0.6))
     sensing = Sensing(40.0, 30.0, 90.0, 1.0, 1.0, "continuous")
@@ -191,8 +190,7 @@ def test_it_holds_the_array_and_a_margin(dimension, size):
 def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
     rng = np.random.default_rng(2)
     truth = rng.uniform(size=(20, 2))
-    estimate = truth @ [[0.0, -1.0], [1.0, 0.0]] + 9.0
-    around = search_around(truth)
+    estimate, around = truth @ [[0.0, -1.0], [1.0, 0.0]] + 9.0, search_around(truth)
     assert search_around(estimate, around, truth) is around
     elsewhere = dataclasses.replace(around, origin=(8.0, 8.0), radius=3.0)
     assert search_around(estimate, elsewhere) is elsewhere

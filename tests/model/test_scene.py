@@ -253,8 +253,7 @@ def test_each_place_of_the_source_is_a_take(edited):
 def test_the_channels_are_those_of_all_takes(edited):
     faults = {"faults.gain_db": "2.0", "faults.dead": "[4]"}
     plain, faulty = measure(of_places(edited)), measure(of_places(edited, **faults))
-    gains = faulty.pressures / plain.pressures
-    healthy = np.arange(16) != 4
+    gains, healthy = faulty.pressures / plain.pressures, np.arange(16) != 4
     np.testing.assert_allclose(gains[:, healthy], np.broadcast_to(gains[0, healthy], gains[:, healthy].shape))
     dead = [faulty.of_take(take).pressures[:, 4] for take in (0, 1)]
     assert not np.array_equal(dead[0][:5], dead[1][:5])

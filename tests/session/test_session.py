@@ -397,7 +397,7 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make, monkey
         session.place(1, (0.001 * moves, 0.5), gesture="drag")
         assert session.wait_for(lambda view, x=0.001 * moves: view.state.positions[1][0] == x, WAIT)
         assert not math.isnan(session.view.cost), "that of a place just before"
-    assert moves > 2 * reference_cost.used and session.view.costs.duration == pytest.approx(0.02, abs=0.02)
+    assert moves > 2 * reference_cost.used and 0.01 < session.view.costs.duration < WAIT
     while session.view.costs.missing(session.view.history):
         assert time.monotonic() < end + WAIT
         time.sleep(0.01)

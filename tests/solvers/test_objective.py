@@ -33,8 +33,7 @@ def unknowns(filters: bool = True, gains: bool = True, log_speed: float = 0.0) -
 
 
 def objective(known_sigma: float = 2e-3, speed_sigma: float = 5e-3, log_speed: float = 0.0) -> Objective:
-    pressures = draws(MODES, COUNT) + 1j * draws(COUNT, MODES).T
-    k = np.linspace(2.0, 6.0, MODES)
+    pressures, k = draws(MODES, COUNT) + 1j * draws(COUNT, MODES).T, np.linspace(2.0, 6.0, MODES)
     noise = 1 + np.abs(draws(COUNT))
     field = FieldModel(k, np.linspace(0.5, 2.0, MODES), np.full(MODES, 0.02), noise, 2)
     places = unknowns().positions[KNOWN] + 1e-3 * draws(len(KNOWN), 2)
@@ -78,8 +77,7 @@ def test_a_faster_sound_is_a_smaller_array_with_shorter_delays_and_higher_corner
 @pytest.mark.parametrize("sigma", [1e-3, 0.02])
 def test_the_prior_of_a_given_position_is_that_of_student(sigma):
     """A microphone is constrained by the density of its deviation: neither more firmly nor less."""
-    here = unknowns()
-    goal = objective(known_sigma=sigma)
+    here, goal = unknowns(), objective(known_sigma=sigma)
     placed = replace(goal, priors=replace(goal.priors, places=here.positions[KNOWN]))
     density = multivariate_t(np.zeros(2), sigma**2 * np.eye(2), df=NU)
     for away in ([0.5, 0.0], [2.0, -1.0], [30.0, 5.0]):
@@ -92,8 +90,7 @@ def test_the_prior_of_a_given_position_is_that_of_student(sigma):
 def test_the_priors_of_gains_phases_and_sound_speed_are_those_stated():
     here, goal = unknowns(False), objective(speed_sigma=7e-3)
     flat = replace(goal.priors, gain_sigma=1e9, phase_sigma=1e9)
-    without = replace(goal, priors=flat).evaluate(here, False).cost
-    expected = 0.0
+    without, expected = replace(goal, priors=flat).evaluate(here, False).cost, 0.0
     for column, sigma in enumerate((goal.priors.gain_sigma, goal.priors.phase_sigma)):
         e = here.channels[:, column] - goal.priors.offsets[:, column]
         expected += np.sum(t.logpdf(0, NU, scale=sigma) - t.logpdf(e, NU, scale=sigma))
@@ -126,8 +123,7 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
     one, other = goal.evaluate(here), alone.evaluate(here)
     assert one.cost == other.cost and np.array_equal(one.matrix, other.matrix)
     assert goal.priors.constrained.tolist() == KNOWN.tolist() and not len(objective().priors.constrained)
-    index = np.arange(here.vector.size - 1).reshape(COUNT, -1)
-    free = goal.free(here)
+    index, free = np.arange(here.vector.size - 1).reshape(COUNT, -1), goal.free(here)
     assert not np.isin(index[KNOWN, :2], free).any() and np.isin(index[[1, 3, 4, 6], :2], free).all()
     assert np.isin(index[:, 2:4], free).all(), "their gains are sought"
     assert set(free) & set(index[:, 4:].ravel()) == set(index[:, 4:][here.channels[:, 2:] != 0])
@@ -180,8 +176,7 @@ def test_gradient_is_that_of_differences(axes, dimension, delayed):
 
 def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
     x, rng = array(), np.random.default_rng(3)
-    arrivals = heard(x, 3)
-    y = x + 4e-3 * rng.normal(size=x.shape)
+    arrivals, y = heard(x, 3), x + 4e-3 * rng.normal(size=x.shape)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([1, 1, -1])
     one, other = arrivals.terms(y), arrivals.terms(y @ turn.T + [3.0, -2.0, 1.0])
     assert other.cost == pytest.approx(one.cost, rel=1e-7)
@@ -233,8 +228,7 @@ SOURCES = ((5.47, 4.53), (0.61, 4.38), (0.52, 0.83), (5.23, 0.47))  # m, in a ri
 def takes_of(count: int, snr_db: float = 15.0) -> Measurement:
     """Takes of 16 microphones in a plane field with noise, with arrivals that are right to 1 mm."""
     rng = np.random.default_rng(6)
-    x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(16, 2))
-    each = []
+    x, each = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(16, 2)), []
     for seed, source in enumerate(SOURCES[:count]):
         one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=16)
         times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=16)) / 343.0
@@ -269,6 +263,18 @@ def test_the_sources_of_a_step_are_sought_from_those_of_the_step_before(four):
     objective = objective_of(problem, state, used_modes(problem, state))
     source = objective.evaluate(unknowns_of(state), False).source
     assert objective.arrivals.start is None and objective.with_start(source).arrivals.start is source
+
+
+def test_a_step_of_the_solver_starts_from_the_last_sources(four, monkeypatch):
+    problem, counts = four.problem(known="none"), []
+    state = solver.init(problem, SolverSettings(modes=len(four.frequencies)), 0, four.positions)
+    search = Arrivals._sources
+    monkeypatch.setattr(Arrivals, "_sources", lambda *args: counts.append(1) or search(*args))
+    solver.step(problem, state)
+    seen = len(counts)
+    monkeypatch.setattr(Objective, "with_start", lambda self, _: self)
+    solver.step(problem, state)
+    assert 0 < seen < len(counts) - seen
 
 
 def test_the_origin_of_a_take_is_arbitrary(four):

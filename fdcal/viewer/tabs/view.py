@@ -80,7 +80,7 @@ def _picture(snapshot: PageState) -> bytes:
     measurement, counted = snapshot.run.measurement, snapshot.counted
     errors = measurement.errors(snapshot.view.state.positions, counted)
     line = error_line(None if errors is None else errors[counted], measurement.blind, measurement.nominal)
-    title = f"{caption(snapshot)}\n{line}"
+    title = "\n".join(filter(None, (caption(snapshot), line)))
     if snapshot.drawn is not None and snapshot.drawn.volume is not None:
         title += f"\nCost of moving microphone {measurement.names[snapshot.microphone]}"
     choices = snapshot.choices
@@ -89,8 +89,7 @@ def _picture(snapshot: PageState) -> bytes:
 
 def _figure(snapshot: PageState, file_format: str) -> bytes:
     measurement, n = snapshot.run.measurement, snapshot.microphone
-    positions = snapshot.view.state.positions
-    truth = measurement.positions
+    positions, truth = snapshot.view.state.positions, measurement.positions
     request = snapshot.choices.map_request(snapshot.run, snapshot.view, n)
     heading = f"Cost of moving microphone {measurement.names[n]}\n{caption(snapshot)}"
     drawn = {"truth": None if truth is None else truth[n][:2], "estimate": positions[n][:2], "heading": heading}
