@@ -57,9 +57,9 @@ DECREASE, LAST_DECREASE = 10.0, 0.05
 WAVE_NATS = 50.0
 MAX_WAVES = 10  # largest number of waves of a take
 ROUNDS = 2  # iterations of the dispersion lambda
-# nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43,
-# upright panels by up to 126. If the source is near the middle of a room, one microphone of a ball of 32 can stand at
-# its mirror image for 35 to 70; other balls lose 210 or more
+# nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43.
+# If the source is near the middle of a room, one microphone of a ball of 32 can stand at its mirror image for 35 to 70;
+# other balls lose 210 or more
 MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
@@ -223,10 +223,10 @@ def fitted(
             break
         field, cost = more, lower
     (start, axes), *standing = upright(field, axes)
-    field, cost = _minimised(half, start, axes, spectrum=7, steps=LAST_STEPS)
+    field, cost = _minimised(likelihood, start, axes, spectrum=7, steps=LAST_STEPS)
     for start, other in standing:
-        found, lower = _minimised(half, start, other, spectrum=7, steps=LAST_STEPS)
-        if cost - lower > MISFIT_NATS / 2 * _dispersion(half, field, axes, spectrum=7):  # of half of the windows
+        found, lower = _minimised(likelihood, start, other, spectrum=7, steps=LAST_STEPS)
+        if cost - lower > MISFIT_NATS * _dispersion(likelihood, field, axes, spectrum=7):
             field, axes = found, other
     for _ in range(ROUNDS):
         dispersion = _dispersion(likelihood, field, axes, spectrum=7, channels=True)
@@ -281,9 +281,8 @@ def with_rival(
             tried.append((other, found))
     if not tried:
         return field, None
-    found, other = _minimised(
-        likelihood, min(tried, key=lambda one: one[0])[1], axes, spectrum=7, channels=True, least=1.0
-    )
+    best = min(tried, key=lambda one: one[0])[1]
+    found, other = _minimised(likelihood, best, axes, spectrum=7, channels=True, least=1.0)
     cost = likelihood.terms(field).cost
     if other > cost + MISFIT_NATS:
         return field, None
@@ -380,8 +379,7 @@ def _dispersion(
 ) -> float:
     """Return lambda of the module, at least 1."""
     here = replace(likelihood, dispersion=1.0).terms(field, free_parameters(field, axes, channels, spectrum))
-    scores = here.scores - here.scores.mean(axis=0)
-    values, vectors = np.linalg.eigh(here.fisher)
+    (values, vectors), scores = np.linalg.eigh(here.fisher), here.scores - here.scores.mean(axis=0)
     kept = values > ZERO * values[-1]
-    ratios: Reals = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]
-    return max(1.0, float(ratios.mean()))
+    squares = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0)
+    return max(1.0, float((squares / values[kept]).mean()))
