@@ -119,7 +119,7 @@ def test_a_limit_that_passes_before_there_are_positions_is_refused():
 
 
 def test_the_limit_grows_with_the_array_only_beyond_64_microphones():
-    assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64) == 45.0
+    assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64) == 90.0
     assert bounds.time_limit(diffuse(count=128, modes=64).problem(), 64) == 180.0
 
 
