@@ -271,7 +271,7 @@ FAULTS = {
         _one(lambda x, rate, rng: x + np.sqrt(np.mean(x**2)) * rng.standard_normal(len(x))),
         STATIONARY,
     ),
-    "list: two swapped": Fault("list", ("exchanged",), _swapped, ALL),
+    "list: two swapped": Fault("list", ("swapped",), _swapped, ALL),
     "list: 5 % off": Fault("list", ("size",), _scaled, ALL, False),
     "list: one 25 cm off": Fault("list", ("misplaced",), _misplaced, ALL),
 }

@@ -1,6 +1,6 @@
-"""Check somebody's list of positions against what the channels recorded: which microphones are exchanged?
+"""Check somebody's list of positions against what the channels recorded: which microphones are swapped?
 
-The list comes as a file of Acoular; here two of its rows are exchanged on purpose.
+The list comes as a file of Acoular; here two of its rows are swapped on purpose.
 """
 
 from pathlib import Path
@@ -18,4 +18,4 @@ check = fdcal.compare_positions(found.positions, measurement.positions, measurem
 
 print(f"{found.verdict}: {found.verdict_text}")
 for first, second in check.swapped:
-    print(f"channels {first} and {second} are exchanged")
+    print(f"channels {first} and {second} are swapped")

@@ -119,7 +119,7 @@ def scored(
     names, x = np.array(found.names), found.positions
     faults = () if found.channels is None else found.channels.faults
     own = {names[n] for n in given}
-    doubted = {fault.name for fault in faults if fault.kind in ("misplaced", "exchanged")} & own
+    doubted = {fault.name for fault in faults if fault.kind in ("misplaced", "swapped")} & own
     accused = {fault.name for fault in faults} - doubted
     healthy = ~np.isin(names, list(faulty))
     judged = healthy & ~np.isin(names, list(accused)) & ~np.isin(np.arange(len(names)), np.asarray(given, int))

@@ -30,7 +30,7 @@ EXPECTED = {
     "02_recording_from_wav": (r"largest error ([\d.]+) mm", 10.0, {"recording.wav", "microphones.xml"}),
     "03_blind_in_space": (r"mean error ([\d.]+) mm after the best rigid motion: True", 6.0, {"ball.csv", "ball.png"}),
     "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05, {"landscape.png"}),
-    "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0, {"geometry.xml"}),
+    "05_check_channel_order": (r"channels (3) and 12 are swapped", 3.0, {"geometry.xml"}),
     "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0, set()),
     "07_measured_array": (
         r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm",

@@ -17,9 +17,9 @@ def test_python_example_runs_with_and_without_true_positions(capsys, scored):
         'measurement = dataclasses.replace(measurement, positions=None)')  # fmt: skip
     found: dict = {}
     exec(compile(code, "README.md", "exec"), found)
-    modes, verdict = re.fullmatch(r"(\d+) modes, verdict (\w+): .+\n", capsys.readouterr().out).groups()
+    modes, verdict = re.fullmatch(r"(\d+) frequencies, verdict (\w+): .+\n", capsys.readouterr().out).groups()
     assert (int(modes), verdict) == (36, "good")
-    assert "takes all 36" in TEXT and "asks for 20 modes" in " ".join(TEXT.split())
+    assert "takes all 36" in TEXT and "asks for 20 frequencies" in " ".join(TEXT.split())
     assert fdcal.load_scene("tiny").solver.modes == 20
     assert (found["found"].mean_error is not None) == scored
 

@@ -122,7 +122,7 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     peaks, _ = find_peaks(decibels, height=-SPECTRUM.range_db, prominence=prominence_db, distance=apart)
     if len(peaks) == 0:
         band = f"measurement.lowest = {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz"
-        problem = f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between {band}"
+        problem = f"no resonance stands out by measurement.prominence_db = {prominence_db:g} dB between {band}"
         raise InputError(problem, "widen the band or lower the prominence", key="measurement.prominence_db")
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
     vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points

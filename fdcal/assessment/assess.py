@@ -131,7 +131,7 @@ def judged(
     else:
         unused = {n: place for n, place in unused.items() if healthy[n]}
         agreement, loosest = _unused_agreement(estimate, unused, scale or 1.0), 0.0
-    kinds = ("dead", "noisy", "misplaced", "exchanged")
+    kinds = ("dead", "noisy", "misplaced", "swapped")
     sigma = root_mean_square(one_sigma(covariance)[healthy])
     placed = estimate.positions[healthy] if np.any(healthy) else estimate.positions
     # An exact position has neither a step nor a sigma.

@@ -90,7 +90,7 @@ FAULTS: Mapping[str, FaultKind] = MappingProxyType({
     "delayed": FaultKind("channels"),
     "high_pass": FaultKind("channels", minor=True),
     "gain": FaultKind("channels", minor=True),
-    "exchanged": FaultKind("list", mend=True),
+    "swapped": FaultKind("list", mend=True),
     "misplaced": FaultKind("list", mend=True),
     "repeated": FaultKind("list", mend=True),
     "off": FaultKind("list", mend=True),
@@ -110,14 +110,14 @@ class ChannelFault:
         Of the microphone.
     kind : str
         A key of `FAULTS`: of a result "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or
-        "exchanged", see `fdcal.assessment.channels`.
+        "swapped", see `fdcal.assessment.channels`.
     value : float or None
         Gain or noise relative to the median channel in decibels, phase in degrees, delay in seconds, corner frequency
         minus that of the others in hertz, or distance from the given position in metres.
     unit : str
         Of the value: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
     partner : str or None
-        Name of the other microphone of an exchange.
+        Name of the other microphone of a swap.
     """
 
     name: str

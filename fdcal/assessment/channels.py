@@ -6,7 +6,7 @@ high_pass          a first-order high-pass at another corner frequency than that
 dead               the others predict nothing of the signal
 noisy              the noise is far above that of the others
 misplaced          a given position contradicts the pressures
-exchanged          two channels, or two given positions, are in each other's place
+swapped            two channels, or two given positions, are in each other's place
 """
 
 from collections.abc import Mapping, Sequence
@@ -151,8 +151,8 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
         if apart[other] >= min(max(EXCHANGED_SIGMAS * sigma[other], MIN_EXCHANGED), EXCHANGED_FRACTION * away):
             faulty[n] = ChannelFault(names[n], "misplaced", away, "m")
             continue
-        faulty[n] = ChannelFault(names[n], "exchanged", away, "m", names[other])
-        faulty.setdefault(other, ChannelFault(names[other], "exchanged", away, "m", names[n]))
+        faulty[n] = ChannelFault(names[n], "swapped", away, "m", names[other])
+        faulty.setdefault(other, ChannelFault(names[other], "swapped", away, "m", names[n]))
     return faulty
 
 

@@ -30,7 +30,7 @@ CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
     " faulty channels, or positions not found yet"
 )
-MORE_MODES = "use more modes (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
+MORE_MODES = "use more frequencies (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -136,7 +136,7 @@ ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy chan
 
 def _many_faulty(seen: Judged) -> str:
     faults, count = seen.channel_faults, len(seen.names)
-    sigma = f"; {precision(_sought_sigma(seen))}" * seen.estimate.converged
+    sigma = f"; {precision(_sought_sigma(seen))}" if seen.estimate.converged else ""
     few = f"the other {count - len(faults)} are too few to check these positions{sigma}"
     return f"{len(faults)} of {count} channels are faulty: {faults_text(faults)}; {few}"
 
@@ -177,28 +177,25 @@ def _impossible_speed(seen: Judged) -> str:
 
 def _good(seen: Judged) -> str:
     """Return the message for an array that no check contradicts, with the faults of its channels."""
-    noise, given = seen.given_noise, seen.estimate.given
-    used = float(np.median(seen.estimate.field.noise))  # may differ from the given noise
-    words = precision(_sought_sigma(seen), seen.residual_to_noise * used / noise if noise else None)
+    given, words = seen.estimate.given, precision(_sought_sigma(seen))
     if len(seen.estimate.problem.known) and given.sigma > INACCURATE * given.expected_sigma:
         words += f"; the given positions are inaccurate, one sigma {length_text(given.sigma, 2)}"
     if seen.estimate.window_ratio > CONTRADICTION:
         sigmas = f"{np.sqrt(seen.estimate.window_ratio):.1f} sigma"
         words += f"; the arrays by short windows and by long spectra differ by {sigmas}, which enlarges one sigma"
     if not seen.faulty:
-        return f"nothing speaks against these positions; {words}"
+        return f"no check contradicts the positions found; {words}"
     faults = faults_text(seen.faulty.values())
-    return f"nothing speaks against the positions of the other microphones; {words}; faulty: {faults}"
+    return f"no check contradicts the positions found for the other microphones; {words}; faulty: {faults}"
 
 
 INACCURATE = 2.0  # sigma of the given positions over the expected one above which the message mentions it
 CONTRADICTION = 4.0  # reduced chi-square of the difference of two estimates above which the message mentions it
 
 
-def precision(sigma: np.ndarray, residual: float | None = None) -> str:
-    """Return one sigma (N,), metres, in words, with the residual over the given noise if noise is given."""
-    text = f"one sigma {length_text(root_mean_square(sigma), 2)}"
-    return text if residual is None else f"{text}, residual {residual:.2g} times the noise of the measurement"
+def precision(sigma: np.ndarray) -> str:
+    """Return one sigma (N,), metres, in words."""
+    return f"one sigma {length_text(root_mean_square(sigma), 2)}"
 
 
 MORE_KNOWN = 4  # number of further microphones whose positions a remedy asks for: enough to fix a frame in space
@@ -272,8 +269,8 @@ FINDINGS: tuple[Finding, ...] = (
             "", 0.1, "fraction of uneven channels; fewer are faults of single channels"),
     Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max,
             lambda seen: f"{np.sum(seen.healthy)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz"
-                         f" (Eq. 9), but modes up to {seen.highest:.0f} Hz are in use",
-            "use more microphones closer together", reason="modes above f_max (Eq. 9) are in use"),
+                         f" (Eq. 9), but frequencies up to {seen.highest:.0f} Hz are in use",
+            "use more microphones closer together", reason="frequencies above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: f"the solver ended while microphones still moved, by up to {seen.step_left:.2g} sigma", "",
             3.0, "Newton step left over one sigma"),
@@ -306,7 +303,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("scale_undetermined",  # the scale of a plane array in space is never determined
             lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
-            lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
+            lambda _: "no check contradicts the shape found, but the size of the array is hardly determined",
             lambda seen: f"give {_least_certain(seen)}, or one <distance>",
             0.1, "one sigma of the least certain stretching of a blind array, relative"),
     Finding("ambiguous", lambda seen, limit: seen.estimate.given.mirror_advantage < limit,

@@ -151,7 +151,7 @@ class PositionCheck:
     errors : (N,) float64
         Metres, distance of each microphone from its position in the list, after the best rigid motion.
     order : (N,) int64
-        Row of the list at whose position each microphone stands; its own row unless channels are exchanged.
+        Row of the list at whose position each microphone stands; its own row unless channels are swapped.
     distances : (N,) float64
         Metres, distance of each microphone from the position of that row.
     fits : bool
@@ -163,7 +163,7 @@ class PositionCheck:
         Size of the list over that of the array found; 1 unless they differ by more than a tenth, as with other units.
         Lengths above are those of the list after division by this scale.
     symmetric : bool
-        Whether the list also fits rotated or mirrored, so that such an exchange of most channels cannot be detected.
+        Whether the list also fits rotated or mirrored, so that such a swap of most channels cannot be detected.
     moved : bool
         Whether the positions were moved as a whole although microphones were known, because the list has other axes.
     """
@@ -183,7 +183,7 @@ class PositionCheck:
 
     @property
     def swapped(self) -> tuple[tuple[int, ...], ...]:
-        """Pairs of channels whose positions are exchanged."""
+        """Pairs of channels whose positions are swapped."""
         return tuple(cycle for cycle in _cycles(self.order) if len(cycle) == 2)
 
     @property

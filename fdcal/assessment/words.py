@@ -43,21 +43,16 @@ def state_word(state: RunState, running: bool, error: str = "", verdict: str = T
     return end_word(state.converged, verdict == TRUSTED) if state.finished else waiting
 
 
-def row_word(measurement: Measurement) -> str:
-    """Return the word for a row of a measurement: "mode", or "row" if there are several takes."""
-    return "row" if measurement.take_count > 1 else "mode"
-
-
 def row_label(measurement: Measurement, mode: int) -> str:
-    """Return the name of a row: "mode 38, 211.5 Hz", or with several takes "row 38, take 1, 211.5 Hz"."""
+    """Return the name of a row: "frequency 38, 211.5 Hz", or with several takes "frequency 38, take 1, 211.5 Hz"."""
     take = f", take {measurement.takes[mode - 1]}" if measurement.take_count > 1 else ""
-    return f"{row_word(measurement)} {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
+    return f"frequency {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
 
 
 def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return how many rows are summed: "20 modes", or with several takes "20 rows of take 1", "40 rows of 2 takes"."""
+    """Return how many rows are summed: "20 frequencies", "20 frequencies of take 1", "40 frequencies of 2 takes"."""
     count, takes = len(modes), np.unique(measurement.takes[np.asarray(modes) - 1])
-    text = f"{count} {row_word(measurement)}{'s' if count > 1 else ''}"
+    text = f"{count} {'frequencies' if count > 1 else 'frequency'}"
     if measurement.take_count == 1:
         return text
     return f"{text} of {f'take {takes[0]}' if len(takes) == 1 else f'{len(takes)} takes'}"
@@ -69,13 +64,17 @@ def plane_words(measurement: Measurement) -> str:
 
 
 def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
-    """Return the names of the modes of a map, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
+    """Return the names of the rows of a map, ascending.
+
+    Examples are "frequency 38", "frequencies no. 1 to 20" and "4 frequencies between no. 2 and no. 9".
+    """
     first, last, count = modes[0], modes[-1], len(modes)
-    if measurement.take_count > 1:
-        return count_label(measurement, modes) if count > 1 else f"row {first}, take {measurement.takes[first - 1]}"
     if count == 1:
-        return f"mode {first}"
-    return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
+        return row_label(measurement, first).rpartition(", ")[0]
+    if measurement.take_count > 1:
+        return count_label(measurement, modes)
+    whole = last - first + 1 == count
+    return f"frequencies no. {first} to {last}" if whole else f"{count} frequencies between no. {first} and no. {last}"
 
 
 def band_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
@@ -84,13 +83,13 @@ def band_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
     return f"{f[0]:.1f} Hz" if f.min() == f.max() else f"{f.min():.0f} to {f.max():.0f} Hz"
 
 
-def cost_words(cost: float, measurement: Measurement, corrected: bool = False) -> str:
+def cost_words(cost: float, corrected: bool = False) -> str:
     """Return the reference cost, dB, and its meaning; "unknown" for NaN.
 
     corrected : whether the gains of the channels are corrected
     """
     number = "unknown" if np.isnan(cost) else f"{cost:.1f} dB"
-    return f"{number} ({'Eq. 7, gains corrected' if corrected else f'Eq. 7, all {row_word(measurement)}s'})"
+    return f"{number} (Eq. 7, {'gains corrected' if corrected else 'all frequencies'})"
 
 
 def result_title(result: Calibration) -> str:
@@ -121,13 +120,13 @@ def result_sentences(
     f, takes, nominal = result.frequencies, measurement.take_count, measurement.nominal
     end = end_word(result.converged, result.verdict == TRUSTED)
     said = {
-        "modes": f"{len(f)}{f' rows of {takes} takes' if takes > 1 else ''}, {f[0]:.1f} to {f[-1]:.1f} Hz",
+        "band": f"{len(f)} frequencies{f' of {takes} takes' if takes > 1 else ''}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         "run": f"{result.sweeps} sweeps in {result.elapsed:.1f} s, {end[0].lower()}{end[1:]}",
     }
     if end == "Ended":
         said["run"] += f"; {STEP_LEFT}"
     if result.cost_db is not None:
-        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, all modes that the microphones can carry)"
+        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, all frequencies that the array can interpolate)"
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:
@@ -151,7 +150,7 @@ def result_sentences(
                 f" worst frequency {f[m]:.1f} Hz, {modes[m]:.1f} dB"
             )
     if (channels := result.channels) is not None:
-        spread = gain_words(result) if channels.gains_sought else "taken as matched"
+        spread = gain_words(result) if channels.gains_sought else "gains taken as equal"
         faults = faults_text(channels.faults)
         said["channels"] = f"{spread}; {'faulty: ' + faults if faults else 'none is faulty'}"
     said["verdict"] = f"{result.verdict}: {result.verdict_text}"
@@ -180,7 +179,7 @@ def fault_words(fault: ChannelFault) -> str:
         else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
         "gain": f"phase {value:.0f} degrees" if fault.unit == "degrees" else f"gain {value:+.1f} dB",
         "misplaced": f"{length_text(value)} from the position given",
-        "exchanged": f"exchanged with microphone {fault.partner}",
+        "swapped": f"swapped with microphone {fault.partner}",
     }
     return words.get(fault.kind, fault.kind)
 
@@ -248,11 +247,12 @@ def prediction_words(leave_one_out_db: float | None) -> str:
 
 
 def gain_words(result: Calibration) -> str:
-    """Return the spread of the gains of the healthy channels in words, for a result with channels."""
+    """Return how gains and phases of the healthy channels differ, in words, for a result with channels."""
     assert result.channels is not None
     each = (result.channels.gain_db, result.channels.phase_deg)
     gain, phase = (float(np.std(values[result.healthy])) for values in each)
-    return f"spread {gain:.2f} dB and {phase:.1f} degrees"
+    gains = f"gains spread by {gain:.2f} dB" if gain >= 0.005 else "no differences of gain found"
+    return f"{gains}, {f'phases by {phase:.1f} degrees' if phase >= 0.05 else 'no differences of phase found'}"
 
 
 def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
@@ -277,10 +277,10 @@ def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
 
 
 def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[object]) -> list[str]:
-    """Return the faults of a list that fits the array found, in words: exchanged channels, wrong rows, its size."""
+    """Return the faults of a list that fits the array found, in words: swapped channels, wrong rows, its size."""
     found = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:
-        found.append(f"channels {', '.join(str(names[n]) for n in cycle)} are exchanged in a cycle")
+        found.append(f"channels {', '.join(str(names[n]) for n in cycle)} are swapped in a cycle")
     if fit is None:
         return found
     found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its place" for n in fit.misplaced]
@@ -306,7 +306,7 @@ def _of_size(scale: float) -> str:
     return f"the list is {size}, or the air is {air}"
 
 
-MAX_LISTED = 0.5  # fraction of exchanged microphones above which exchanges are not named one by one
+MAX_LISTED = 0.5  # fraction of swapped microphones above which the swaps are not named one by one
 UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
 UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
@@ -332,9 +332,8 @@ def comparison_sentences(
         moved = np.count_nonzero(check.order != np.arange(len(names)))
         lines = list_faults(check, rows, names)
         if moved > MAX_LISTED * len(names):
-            exchanges = len(check.swapped) + len(check.permuted)
-            every = f"{moved} of {len(names)} channels are exchanged{_pattern(check.order)}"
-            lines[:exchanges] = [every]
+            swaps = len(check.swapped) + len(check.permuted)
+            lines[:swaps] = [f"{moved} of {len(names)} channels are swapped{_pattern(check.order)}"]
         elif not moved:
             lines.insert(0, _unchanged(check, verdict, untrusted, fit))
     else:
@@ -344,8 +343,8 @@ def comparison_sentences(
         lines = [f"the list does not fit the array found in any order: {reason}"]
     if check.fits and check.symmetric:
         lines.append(
-            "the list also fits when rotated or mirrored, since the array is symmetric: without known microphones an"
-            " exchange of most channels cannot be detected"
+            "the list also fits when rotated or mirrored, since the array is symmetric: without known microphones a"
+            " swap of most channels cannot be detected"
         )
     if check.fits and check.moved and check.scale == 1:  # a list in other units always has other axes
         lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
@@ -374,7 +373,7 @@ def _pattern(order: np.ndarray) -> str:
             return ": its rows are sorted as text (1, 10, 11, ...); it fits if they are sorted as numbers"
     if not np.array_equal(order, (own + shift) % count):
         return ""
-    half = " (its halves are exchanged)" if 2 * shift == count else ""
+    half = " (its halves are swapped)" if 2 * shift == count else ""
     shift = shift if 2 * shift <= count else shift - count
     return f": the list is shifted by {shift} row{'s' if abs(shift) > 1 else ''}{half}"
 

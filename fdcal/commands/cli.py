@@ -169,12 +169,15 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
         if seen and not no_browser:
             webbrowser.open(url)
 
+    def on_progress(text: str) -> None:
+        if opt.rewrites_lines():
+            print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
+        elif text and not text.endswith("%"):  # each stage once
+            print(text, file=sys.stderr, flush=True)
+
     from ..viewer import serve
 
-    serve(
-        request, host, port, on_ready, lessons, lessons[0] if own else None,
-        lambda text: print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True),
-    )  # fmt: skip
+    serve(request, host, port, on_ready, lessons, lessons[0] if own else None, on_progress)
 
 
 @commands.command()
@@ -187,8 +190,8 @@ def simulate(scene: str, output: str, force: bool):
     measurement = opt.scene_of(scene).measurement
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     f = measurement.frequencies
-    rows = f"{len(f)} modes" if measurement.take_count == 1 else f"{len(f)} rows of {measurement.take_count} takes"
-    print(f"{path}: {rows}, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
+    takes = f" of {measurement.take_count} takes" if measurement.take_count > 1 else ""
+    print(f"{path}: {len(f)} frequencies{takes}, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
 
 
 @commands.command()
@@ -217,7 +220,7 @@ def calibrate(
     of one channel each are the channels of one take. Of recordings, --known takes names of channels or a table
     name,x,y[,z], too.
 
-    The exit code is 5 if --check finds channels exchanged or a list that does not fit, else 4 if the result cannot be
+    The exit code is 5 if --check finds swapped channels or a list that does not fit, else 4 if the result cannot be
     trusted.
     """
     path = opt.output_path(output, ".json", force, *sources) if output else None

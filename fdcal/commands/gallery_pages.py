@@ -43,8 +43,8 @@ INTRODUCTION = (
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92
 RUN_TITLE = "Fig. 1: many minima"
 RUN_TEXT = (
-    "One frequency leaves eight places for microphone 16. Add others with the slider Modes: one place is left. Drag the"
-    " microphone, and let it go."
+    "One frequency leaves eight places for microphone 16. Add others with the slider Frequencies: one place is left."
+    " Drag the microphone, and let it go."
 )
 # Lessons in the index, and their descriptions.
 LESSONS = {

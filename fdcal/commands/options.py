@@ -158,11 +158,17 @@ OPTIONS |= {key: f"--{key.replace('_', '-')}" for key in NAMED_ALIKE.split()}
 BAR = "{desc} {percentage:3.0f} % |{bar:30}| {elapsed}, {remaining} to go{postfix}"
 
 
+def rewrites_lines() -> bool:
+    """Return whether standard error is a terminal on which a line of progress can replace the previous one."""
+    return sys.stderr.isatty() and os.environ.get("TERM") != "dumb"
+
+
 @contextmanager
 def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
     """Yield a function that shows progress in a bar on standard error; the bar appears with the first call.
 
-    While the fraction done is 0, the bar shows only the elapsed time. Nothing is written if standard error is a file.
+    While the fraction done is 0, the bar shows only the elapsed time. Nothing is written unless standard error is a
+    terminal that can write a line again.
     """
     from tqdm import tqdm
 
@@ -170,7 +176,7 @@ def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
 
     def progress(done: float, note: str = "") -> None:
         if not bars:
-            bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not sys.stderr.isatty()))
+            bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not rewrites_lines()))
         bars[0].bar_format = BAR if done else "{desc} {elapsed}{postfix}"
         bars[0].set_postfix_str(note, refresh=False)
         if done < bars[0].n:  # another run, or a restart; `update` would show nothing for a long time
@@ -204,7 +210,7 @@ def output_option(what: str, required: bool = True):
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
 result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
-modes_option = option("--modes M", "Modes in use at the end, lowest first.  [default: all that are usable]", type=int)
+modes_option = option("--modes M", "Frequencies in use at the end, lowest first.  [default: all usable ones]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
 solver_option = option("--solver", "joint: equal channels; descent: the paper's.  [default: the scene's]", type=names())
 
@@ -245,7 +251,7 @@ solver_options = declared_options(SolverSettings, known=str, known_sigma=length,
 
 
 # The options of recordings that `calibrate` and `doctor` have; `import` has all.
-RECORDED = ("frequencies", "kind", "reference", "temperature", "rate", "array_dimension")
+RECORDED = ("frequencies", "kind", "reference", "temperature", "rate", "array_dimension", "array_radius")
 
 
 def recording_options(*names: str) -> Callable[[Any], Any]:

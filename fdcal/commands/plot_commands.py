@@ -21,7 +21,7 @@ from .report import error_title
 @click.command()
 @click.argument("source", metavar="SCENE|FILE.npz")
 @opt.option("--microphone N", "The microphone to move: its name, or its number from 0.", required=True)
-@opt.option("--mode-numbers M,M,...", "Modes to draw, counted from 1, as 1-3,9.  [default: 1,5,9]")
+@opt.option("--mode-numbers M,M,...", "Frequencies to draw, by number from 1, as 1-3,9.  [default: 1,5,9]")
 @opt.result_option
 @opt.output_option("FIG.png|svg")
 @opt.force_option

@@ -1,7 +1,7 @@
 """A calibration in words: what `calibrate` and `record` print, and the comparison with other positions.
 
 `record` imports the takes so far without their faulty channels and calibrates them by solver robust, which finds
-inverted and dead channels. The comparison with a list of positions shows exchanged channels.
+inverted and dead channels. The comparison with a list of positions shows swapped channels.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 # Heads of the lines of a summary, in their order.
-HEADS = ("array", "modes", "run", "cost", "error", "list", "speed", "predict", "field", "channels", "given", "verdict")
+HEADS = "array radius band run cost error list speed predict field channels given verdict".split()
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
@@ -23,6 +23,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
+    said["radius"] = word_arguments(inputs.radius, OPTIONS)
     if said["array"] and inputs.scene is None:
         said["array"] += word_arguments("; to seek heights, too, import with <array_dimension> 3", OPTIONS)
     sigma = result.sound_speed_sigma
@@ -35,7 +36,8 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         (head, table), widths = given, [max(map(len, column)) for column in zip(*given[1], strict=True)]
         rows = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)
         said["given"] = "\n        ".join([head, *(row.rstrip() for row in rows)])
-    head = f"{inputs.name}: {free} of {measurement.count} microphones sought by {result.solver}, seed {result.seed}"
+    how = f"solver {result.solver}, random seed {result.seed}"
+    head = f"{inputs.name}: {free} of {measurement.count} microphones sought; {how}"
     return "\n".join([head, *(f"{name:<7} {said[name]}" for name in HEADS if said.get(name))])
 
 
@@ -64,8 +66,8 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
 
 
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
-    """Return a comparison in words: exchanged channels, and the distance of each microphone from its position."""
-    names = inputs.labels or inputs.measurement.names
+    """Return a comparison in words: swapped channels, and the distance of each microphone from its position."""
+    names, measurement = inputs.labels or inputs.measurement.names, inputs.measurement
     lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
     error, scaled = (result.aligned and result.max_error) or 0.0, _size_is_open(inputs, result)
     apart = abs(check.errors[result.counted(inputs.given)].max() - error)
@@ -74,7 +76,8 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     if scaled:
         size = f"the size of the array found is not to be trusted ({result.verdict})"
         lines.append(f"{size}: the array is scaled to the size of the list for this comparison")
-    return "\n".join(lines)
+    listed = inputs.compared_with or f"the {'nominal' if measurement.nominal else 'true'} positions"
+    return "\n".join([f"comparison of the positions found with {listed}:", *lines])
 
 
 def error_title(measurement: Measurement, result: Calibration) -> str:

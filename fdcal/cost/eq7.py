@@ -185,13 +185,13 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     """Raise InputError unless the field has `count` modes and the microphones can carry them."""
     measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
     if count > measured:
-        fault = f"{count} modes asked for (solver.modes), but {measured} were measured"
+        fault = f"{count} frequencies asked for (solver.modes), but {measured} were measured"
         raise InputError(fault, f"use at most {measured}", key="modes")
     if count <= usable:
         return
     R, remedies = search_domain(problem).radius, []
     if usable:
-        remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"]
+        remedies = [f"use at most {usable} frequencies (solver.modes; {count} asked for)"]
     remedies += [f"a search.radius below {R:g} m"]
     remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
     remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
@@ -204,9 +204,8 @@ def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
     formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
     formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
-    row = "row" if len(np.unique(problem.takes)) > 1 else "mode"
     return (
-        f"{row} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
+        f"frequency {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
         f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"
         f" {formula} = {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
     )
@@ -329,7 +328,7 @@ class ReferenceCost:
         carried = self._expansion.carried
         self.order_offset, self.count = carried.order_offset, len(carried.modes)
         if not self.count:
-            fault = f"{problem.pressures.shape[1]} microphones are too few for the cost of any mode"
+            fault = f"{problem.pressures.shape[1]} microphones are too few for the cost of any frequency"
             raise InputError(fault, "use a smaller <radius>, or more microphones", key="radius")
         self._groups = self._expansion.groups(np.arange(self.count))
         self._pressures = problem.pressures[carried.modes]

@@ -64,8 +64,8 @@ def draw_landscape(
     rows = int(np.ceil(count / columns))
     figure = Figure(figsize=(3.9 * columns, 4.0 * rows + 0.8), dpi=120, layout="compressed")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(self.modes, self.frequencies, strict=True)]
-    titles.append(f"sum of the {self.mode_count} modes" if self.mode_count > 1 else "sum (one mode)")
+    titles = [f"frequency {m}, {f:.1f} Hz" for m, f in zip(self.modes, self.frequencies, strict=True)]
+    titles.append(f"sum of the {self.mode_count} frequencies" if self.mode_count > 1 else "sum (one frequency)")
     scaled = [10 * np.log10(np.maximum(cost / cost.max(), 10.0**-DECADES)) for cost in self.maps]
     ends = np.array([np.percentile(one, SHOWN) for one in scaled])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
@@ -205,7 +205,7 @@ def calibration_html(result: Calibration) -> str:
     body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     body += f"<tr><td colspan='{len(axes) + 3}'>and {count - ROWS} more</td></tr>" if count > ROWS else ""
     f, verdict, text = result.frequencies, escape(result.verdict.replace("_", " ")), escape(result.verdict_text)
-    run = f"solver {result.solver}, {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
+    run = f"solver {result.solver}, {len(f)} frequencies, {f[0]:.1f} to {f[-1]:.1f} Hz, {result.elapsed:.1f} s"
     coded = base64.b64encode(figure_bytes(draw_calibration(result), "png")).decode()
     return (
         f"<p><b>{verdict}</b>: {text}<br>{escape(run)}</p>"

@@ -28,7 +28,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from ..assessment.words import row_word
 from ..cost.eq7 import ReferenceCost, carried_modes, expansion_of, reference_cost_of
 from ..cost.maps import eq7_maps, refined
 from ..cost.scale import DECADES, DEPTH, FEW_MODES, LEAST_RANGE
@@ -199,7 +198,6 @@ def run_data(
         "known": measurement.known.tolist(),
         "given": np.round(np.asarray(measurement.known_positions, float), 6).tolist(),
         "reference": measurement.reference,
-        "row": row_word(measurement),
         "aligned": bool(measurement.blind),  # each state is moved as a whole to the true positions
         "dimension": measurement.array_dimension,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),

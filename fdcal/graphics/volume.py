@@ -211,7 +211,7 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
     used = carried[carried <= modes].tolist()
     if not used:
-        fault = f"the microphones are too few for any mode with search.radius = {search_domain(problem).radius:g} m"
+        fault = f"the microphones are too few for a frequency with search.radius = {search_domain(problem).radius:g} m"
         raise InputError(fault, "give the scene or the file a smaller one", key="search.radius")
     terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
     sampled = None if terms is None else sampled_volume(terms)

@@ -144,7 +144,7 @@ class Measurement:
         one_take = not several or (isinstance(self.takes, np.ndarray) and not np.any(self.takes))
         numbers = require_array("takes", np.zeros(rows, np.int64) if one_take else self.takes, "index", (rows,))
         if np.any(numbers < 0):
-            raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
+            raise InputError("takes must be counted from 0", "give one number for each frequency", key="takes")
         put("takes", numbers.astype(np.int64))
         labels = [str(n) for n in range(N)] if self.names is None else self.names
         put("names", tuple(require_array("names", labels, "text", (None,)).tolist()))

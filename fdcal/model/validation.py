@@ -417,10 +417,10 @@ def parse_modes(text: str, count: int) -> tuple[int, ...]:
         match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= low <= high <= count:
-            raise InputError(f'"{part}" names no modes', remedy, key="modes")
+            raise InputError(f'"{part}" names no frequencies', remedy, key="modes")
         found |= set(range(low, high + 1))
     if not found:
-        raise InputError("no mode is named", remedy, key="modes")
+        raise InputError("no frequency is named", remedy, key="modes")
     return tuple(sorted(found))
 
 

@@ -130,8 +130,8 @@ class FrequencyLimit:
     """The highest frequency that an array can interpolate."""
 
     limit: float | None  # Hz; None where the radius is unknown
-    radius: float  # metres; 0 where it is unknown
-    words: str  # which radius it follows from, arguments in angle brackets
+    radius: float  # of the array, from which the limit follows, metres; 0 where it is unknown
+    words: str  # the radius and its origin, arguments in angle brackets
     estimated: bool = False  # whether the radius is that of the coherence
 
 
@@ -143,22 +143,22 @@ def frequency_limit(
     The radius is given, or that of the positions in the file, of the known microphones, or of the channels' coherence.
     """
     complete, estimated = recording.positions is not None, False
-    radius, words = options.array_radius or 0.0, "for the radius given"
+    radius, words = options.array_radius or 0.0, f"{options.array_radius or 0:.2g} m, as given"
     if options.array_radius is None:
         positions, factor = recording.positions if complete else known_positions, IMPORT_LIMITS.known_radius_factor
         if positions is not None:
             radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
             radius *= 1.0 if complete else factor
         other = f"{100 * (factor - 1):.0f} % more than that of the known microphones"
-        words = f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else other}"
+        words = f"{radius:.2g} m, {'that of the positions in the file' if complete else other}"
     if options.array_radius is None and not complete:  # known microphones may be a part of the array
         seen = _coherent_radius(recording, options.dimension, speed) or 0.0
         estimated = seen > IMPORT_LIMITS.coherent_radius_factor * radius or radius <= 0
         radius = (seen if radius > 0 else IMPORT_LIMITS.coherent_radius_factor * seen) if estimated else radius
     if estimated:
-        words = f"for a radius of up to {radius:.2g} m, by the coherence of the channels; <array_radius> sets it"
+        words = f"up to {radius:.2g} m, estimated from the coherence of the channels; <array_radius> sets it"
     if radius <= 0:
-        return FrequencyLimit(None, 0.0, "unknown without the radius of the array; <array_radius> gives it")
+        return FrequencyLimit(None, 0.0, "unknown; <array_radius> gives it")
     planar = coordinate_count(recording, options, known_positions) == 2
     return FrequencyLimit(f_max(recording.count, radius, speed, options.dimension, planar), radius, words, estimated)
 

@@ -51,7 +51,7 @@ class ImportReport:
     speed: float  # sound speed, m/s
     speed_from: str  # its origin, in words
     highest_frequency: float | None  # that the array can interpolate, Hz
-    highest_frequency_from: str  # the radius from which it follows, in words
+    radius: str  # of the array, from which that frequency follows, and the origin of the radius, in words
     height: float | None = None  # common height of all given positions, metres; then the array is sought in this plane
     # one report for each of several takes, () for a single take; the other fields describe the first take
     takes: tuple[ImportReport, ...] = ()
@@ -353,7 +353,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f = measurement.frequencies
         lines = [
             f"takes        {len(takes)} of {count} channels",
-            f"rows         {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
+            f"frequencies  {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
             left_out,
         ]
         for number, (one, last) in enumerate(zip(takes, lasts, strict=True)):
@@ -394,9 +394,9 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         lines += [f"windows      {of}, {windows.frequencies.min():.0f} to {windows.frequencies.max():.0f} Hz"]
     if not report.takes:
         lines += [f"SNR          {''.join(_snr_words(report.pressures))}"]
-    limit = word_arguments(report.highest_frequency_from, wording)
-    known = "" if report.highest_frequency is None else f"{report.highest_frequency:.0f} Hz, "
-    lines.append(f"highest usable frequency  {known}{limit}")
+    highest = "unknown" if report.highest_frequency is None else f"{report.highest_frequency:.0f} Hz"
+    radius = word_arguments(report.radius, wording)
+    lines.append(f"highest usable frequency  {highest}; radius of the array: {radius}")
     needed = min_microphones(measurement.dimension)
     if count < needed:
         lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
@@ -412,7 +412,7 @@ def _band_words(taken: Pressures) -> str:
         text += f" (independent: {taken.spacing.decorrelation:.2g} Hz)"
     several = int(np.sum(different > 1))
     if several:
-        text += f"; {len(f)} rows: {several} have up to {different.max()} eigenvalues above the noise, each a row"
+        text += f"; {several} of them count up to {different.max()} times, once for each eigenvalue above the noise"
     return text
 
 

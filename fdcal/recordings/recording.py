@@ -197,12 +197,12 @@ class ImportOptions:
     frequencies: str = option("auto", "Band to choose from, Hz.", "auto|LO:HI")
     # bound of time and memory, five times what an import takes by itself
     max_rows: Annotated[int, within(1, 2000)] | None = option(
-        None, "Greatest number of rows of all takes.  [default: 400]", "M"
+        None, "Greatest number of frequencies of all takes.  [default: 400]", "M"
     )
     kind: Literal["auto", Kind] = option(
         "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."
     )
-    windows: str = option("auto", "Band of the short windows, Hz, used in addition to the rows.", "auto|none|LO:HI")
+    windows: str = option("auto", "Band of the short windows, Hz, which are used in addition.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Of the air, degrees Celsius; gives the sound speed.", "C"
     )
@@ -220,7 +220,7 @@ class ImportOptions:
         None, "Sampling rate of a file that has none, Hz.", "HZ"
     )
     array_radius: Annotated[float, positive("m")] | None = option(
-        None, "Metres; determines the highest usable frequency.", "R"
+        None, "Radius of the array, metres; gives the highest usable frequency.", "R"
     )
     source: int | str | None = None
     files: Literal["auto", "takes", "channels"] = "auto"

@@ -123,7 +123,7 @@ def states_of(
 
     def shown(state: RunState) -> RunState:
         if progress is not None:  # the number of sweeps is not known before the end
-            progress((state.last - 1) / last if adds_modes else 0.0, f"{state.last} modes, sweep {state.sweep}")
+            progress((state.last - 1) / last if adds_modes else 0.0, f"{state.last} frequencies, sweep {state.sweep}")
         return state
 
     return map(shown, run(problem, inputs.settings, inputs.seed))

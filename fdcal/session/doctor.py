@@ -162,7 +162,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
     yield from _field(measurement, result)
     assert result.channels is not None
     differing = [one for one in result.channels.faults if one.kind not in OF_LIST]
-    text = faults_text(differing) or f"gains {gain_words(result)}"
+    text = faults_text(differing) or gain_words(result)
     minor: AnswerState = "differs" if all(FAULTS[one.kind].minor for one in differing) else "fault"
     kinds = tuple((one.kind, one.name) for one in differing)
     yield Answer("channels", minor if differing else "fine", text, len(differing), "channels", kinds)
@@ -290,7 +290,7 @@ def _list(
     fit = list_fit(inputs, result, check, progress)
     faults = list_faults(check, fit, names)
     moved = np.flatnonzero(check.order != np.arange(len(listed)))
-    kinds = [("exchanged", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
+    kinds = [("swapped", names[n]) for n in moved] + [("misplaced", names[n]) for n in fit.misplaced]
     kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
     unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing about the list

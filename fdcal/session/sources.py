@@ -50,6 +50,7 @@ class CalibrationInput:
     remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
     labels: tuple[str, ...] = ()  # of the channels, with their names in the list if it has others; () without a list
     title: str = ""  # of a scene that is a measurement; "" stands for its name
+    radius: str = ""  # of the array, and how the import determined it, in words; "" without recordings
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -72,13 +73,14 @@ def load_input(
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
         raise InputError("no file is given", "give one or several", key="source")
-    recorded, text, name = [is_recording(one) for one in texts], texts[0], Path(texts[0]).stem
+    recorded, text, name, radius = [is_recording(one) for one in texts], texts[0], Path(texts[0]).stem, ""
     if len(texts) > 1:
         name += f" and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
     if all(recorded):
         from ..recordings import importer  # loads the signal library, which a measurement does not need
 
-        measurement = _without(importer.import_recording(texts, options or ImportOptions(), progress)[0], excluded)
+        measurement, report = importer.import_recording(texts, options or ImportOptions(), progress)
+        measurement, radius = _without(measurement, excluded), report.radius
     elif any(recorded):
         other = texts[recorded.index(False)]
         raise InputError(f"{other} holds no recordings, but other files do", "give files of one kind", key="source")
@@ -92,7 +94,7 @@ def load_input(
     else:
         inputs = scene_input(load_scene(text), progress)
         return replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
-    return replace(measurement_input(measurement, name), excluded=excluded)
+    return replace(measurement_input(measurement, name), excluded=excluded, radius=radius)
 
 
 def measurement_input(

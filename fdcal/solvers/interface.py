@@ -279,7 +279,7 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
     count, modes = problem.pressures.shape[1], min(settings.modes, len(problem.pressures))
     if count**2 * modes > LIMITS.pairs:
         fault = f"{count} microphones at {modes} frequencies need more memory than a calibration may take"
-        remedy = f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)"
+        remedy = f"use at most {int(LIMITS.pairs / count**2)} frequencies (<modes>), or fewer microphones (<exclude>)"
         raise InputError(fault, remedy, key="modes")
     extent, limit = radius(problem.known_positions), max_radius(problem, modes)
     if extent > limit:
@@ -287,7 +287,7 @@ def require_affordable(problem: Problem, settings: SolverSettings, traits: Trait
             f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
             f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)"
         )
-        raise InputError(fault, "give positions in metres, or use fewer modes (<modes>)", key="known_positions")
+        raise InputError(fault, "give positions in metres, or use fewer frequencies (<modes>)", key="known_positions")
 
 
 def radius(positions: np.ndarray) -> float:

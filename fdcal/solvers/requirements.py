@@ -62,11 +62,12 @@ def min_microphones(dimension: int) -> int:
 def require_range(problem: Problem, first: int, last: int) -> None:
     """Raise InputError unless modes `first` to `last`, counted from 1, were measured."""
     if not 1 <= first <= last:
-        raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
+        fault = f"{first} to {last} is not a range of frequencies"
+        raise InputError(fault, "use 1 or more, the lower one first", key="modes")
     measured = len(problem.pressures)
     if last > measured:
-        message = f"solver.modes = {last}, but {measured} modes were measured"
-        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes")
+        message = f"solver.modes = {last}, but {measured} frequencies were measured"
+        raise InputError(message, f"use at most {measured} frequencies (<modes>), or measure more", key="modes")
 
 
 MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the sound field
@@ -82,8 +83,8 @@ def require_modes(problem: Problem, count: int) -> None:
     equations, unknowns = max(1, 2 * (microphones - problem.dimension - 1)), problem.array_dimension * len(problem.free)
     needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:
-        message = f"{count} modes are too few for {unknowns} unknown coordinates"
-        raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes")
+        message = f"{count} frequencies are too few for {unknowns} unknown coordinates"
+        raise InputError(message, f"use at least {needed} frequencies (<modes>)", key="modes")
 
 
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:

@@ -126,10 +126,10 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
     D = problem.array_dimension
     if len(values) < D or values[D - 1] <= 1e-9 * values[0]:
         fault = (
-            f"the lowest {lowest} modes show fewer than {D} directions: the microphones stand on a line, or there"
-            " are too few modes"
+            f"the lowest {lowest} frequencies show fewer than {D} directions: the microphones stand on a line, or there"
+            " are too few frequencies"
         )
-        raise InputError(fault, "measure more modes", key="modes")
+        raise InputError(fault, "measure more frequencies", key="modes")
     return vectors[:D].T, values[:D], lowest
 
 

@@ -2,7 +2,7 @@
 
 A browser opens with it; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`), so that
 a lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
-the panels (`Binding.commands`). A mode of Expert is called a frequency here.
+the panels (`Binding.commands`).
 
 Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for
 uploads, and are kept in a private temporary folder until the server ends. The page accepts files only if no other
@@ -279,8 +279,6 @@ class Explore:
     def _bar(self, viewer: Viewer, title: str, waiting: str) -> str:
         binding, view, state, measurement = viewer.binding, viewer.view, viewer.view.state, viewer.run.measurement
         running, done = view.running, state.finished and not view.running
-        row = binding.row.replace("mode", "frequency")
-        rows = row.replace("frequency", "frequencie").capitalize() + "s"
         shown = title or viewer.run.scene.title
         head, colon, rest = shown.partition(":")
         status = escape(waiting) or self._status(viewer)
@@ -290,14 +288,14 @@ class Explore:
             n = state.next_microphone(viewer.run.problem)
             one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
             step = one or "Move all microphones a step"
-        # a map may not have all modes that the solver uses
+        # a map may not have all frequencies that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1
         summed, hertz = f"{modes[0]} to {modes[-1]}" if in_a_row else modes_text(modes), band_label(measurement, modes)
         summed = f"no. {summed}, {measurement.frequencies[modes[0] - 1]:.0f} Hz" if len(modes) == 1 else summed
         sweep, lecture = viewer.tabs.sweep, binding.choices.lecture
-        add = f"Add {rows.lower()} one by one" if sweep.playing is None else "Stop"
+        add = "Add frequencies one by one" if sweep.playing is None else "Stop"
         own, together, methods = viewer.run.scene.solver.name, viewer.run.solver.TRAITS.moves_all, ""
         at_once = own if together else SolverSettings().name
         for text, name, pressed in ((ONE, solvers.PAPER, not together), (ALL, at_once, together)):
@@ -321,8 +319,8 @@ class Explore:
             f"{again}<div class='run' title='{costs}'><svg viewBox='0 0 100 {CURVE_HEIGHT}' preserveAspectRatio='none'"
             f" aria-hidden='true'><path d='{curve}'/></svg>{costs and f'<small>{costs}</small>'}"
             f"{_slider(binding, 'state', 'State of the run')}</div>"
-            f"<label title='{hertz}'>{rows} {_slider(binding, 'modes', rows)}<output>{summed}</output>"
-            f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this {row} only</button>"
+            f"<label title='{hertz}'>Frequencies {_slider(binding, 'modes', 'Frequencies')}<output>{summed}</output>"
+            f"</label><button data-do='alone' aria-pressed='{str(sweep.alone).lower()}'>this frequency only</button>"
             f"<button data-do='sweep'>{add}</button>"
             f"<label>Microphone {_slider(binding, 'microphone', 'Microphone')}"
             f"<output>{viewer.snapshot.microphone}</output></label>{views}"

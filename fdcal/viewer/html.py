@@ -42,7 +42,7 @@ CONTROLS = {
     "array_radius": "the array radius of `fdcal import`",
     "kind": 'the list "Kind of a recording" below the scenes',
     "known": 'the slider "Known microphones" in the tab Scene',
-    "modes": 'the slider "Last mode" in the settings',
+    "modes": 'the slider "Last frequency" in the settings',
     "rate": "the sampling rate to `fdcal import`",
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
@@ -100,7 +100,7 @@ def status(
         error = f"<span title='{escape(why)}'>Healthy</span>"
     kept = state.best_positions is not state.positions  # while the run tries another start
     used, verdict = tuple(range(state.first, state.last + 1)), [] if found is None else [found.verdict]
-    cost = words.cost_words(view.cost, measurement, state.channels is not None)
+    cost = words.cost_words(view.cost, state.channels is not None)
     rows = {
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
         "In use": f"{words.modes_label(measurement, used)}, {words.band_label(measurement, used)}",
@@ -156,8 +156,7 @@ def drawings_html(marks: dict[str, str]) -> str:
 # Words of Explore for those of Expert.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison",
-    "negative log-likelihood above its lowest": "misfit",
-    "negative log-likelihood": "misfit", "modes": "frequencies", "mode": "frequency",
+    "negative log-likelihood above its lowest": "misfit", "negative log-likelihood": "misfit",
 }  # fmt: skip
 
 

@@ -91,10 +91,10 @@ KEYS = {  # by the name of the key: what it does, and the command of a control o
     "F": ("Next state", "state=+1"),
     "M": ("Map of the next microphone", "microphone=+1"),
     "Shift+M": ("Map of the previous microphone", "microphone=-1"),
-    "O": ("One more mode in the map", "modes=+1"),
-    "I": ("One mode less in the map", "modes=-1"),
-    "P": ("Add modes one by one, or stop", "sweep"),
-    "U": ("Map of the modes in use", "map_modes=solver"),
+    "O": ("One more frequency in the map", "modes=+1"),
+    "I": ("One frequency less in the map", "modes=-1"),
+    "P": ("Add frequencies one by one, or stop", "sweep"),
+    "U": ("Map of the frequencies in use", "map_modes=solver"),
     "V": ("Flat map, relief, mode shape, isosurfaces, no map", "kind=+1"),
     "L": ("Logarithmic or linear scale", "scale=+1"),
     "Y": ("Trails", "trails"),
@@ -153,7 +153,7 @@ class RunBar(Tab):
         self.run = binding.on(run, lambda _: self.toggle(), command="play")
         hint = (
             "Step: move one microphone (joint, robust: all). Sweep: move each microphone once. Stage: continue"
-            " until a mode is added or the objective changes. Restart: return to the start"
+            " until a frequency is added or the objective changes. Restart: return to the start"
         )
         self.steps = binding.on(gui.add_button_group("Solve", STEPS, hint=hint), self.press, command="step")
         self.time = binding.slider(
@@ -259,7 +259,7 @@ class SolverTab(Tab):
 
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
-        row, modes, problem = binding.row, binding.modes, binding.run.problem
+        modes, problem = binding.modes, binding.run.problem
         in_space_or_plane = problem.array_dimension == problem.dimension
         searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
         traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
@@ -268,18 +268,18 @@ class SolverTab(Tab):
         self._starts = {name: one.starts[0] if one.starts else STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
-                f"First {row}", 1, modes, 1, state.first,
+                "First frequency", 1, modes, 1, state.first,
                 lambda value: self.use_modes(value, max(value, self.last.value)),
             )  # fmt: skip
             self.last = binding.slider(
-                f"Last {row}", 1, modes, 1, state.last,
+                "Last frequency", 1, modes, 1, state.last,
                 lambda value: self.use_modes(min(self.first.value, value), value),
             )  # fmt: skip
             self.automatic = binding.checkbox(
-                f"Add {row}s automatically", state.automatic,
+                "Add frequencies automatically", state.automatic,
                 lambda value: self.use_modes(self.first.value, self.last.value, value),
                 visible=binding.run.solver.TRAITS.adds_modes,
-                hint=f"Add the next {row} when the present stage has converged",
+                hint="Add the next frequency when the present stage has converged",
             )  # fmt: skip
             self.refusal, self._refused = binding.gui.add_html(""), None
             self.name = binding.dropdown(
@@ -289,12 +289,12 @@ class SolverTab(Tab):
             )  # fmt: skip
             self.start = binding.dropdown(
                 "Start", STARTS, settings.start or self._starts[settings.name], lambda _: self.refresh(),
-                hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
+                hint="affine: closed-form estimate from the lowest frequencies; random: anywhere in the search domain",
             )  # fmt: skip
             hint = "Of the random start, and of the order in which descent moves the microphones"
             seed = binding.gui.add_number("Seed", binding.choices.seed, min=0, max=MAX_SEED, step=1, hint=hint)
             self.seed = binding.on(seed, lambda value: binding.choose(seed=value))
-            binding.gui.add_html(html.remark("Modes and method apply at once, start and seed with Restart."))
+            binding.gui.add_html(html.remark("Frequencies and method apply at once, start and seed with Restart."))
         self.refresh()
 
     def _choose_method(self, name: str) -> None:

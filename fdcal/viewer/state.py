@@ -19,7 +19,6 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 import viser
 
-from ..assessment.words import row_word
 from ..cost.eq7 import ORDER_OFFSET
 from ..graphics.picture import z_range_of
 from ..model.address import Map
@@ -56,7 +55,7 @@ class Choices(MapStyle):
     lecture: bool = False  # whether text and marks are large enough for a projector
     themed: bool = False  # whether a user has chosen dark or light; otherwise the page follows the browser
     descending: bool = False  # whether modes are added to the map from the highest down
-    modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
+    modes_error: str = ""  # why the text in the field "Frequency numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
     export_view: str = "top"  # view of a picture to save, a value of VIEWS
     export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
@@ -204,10 +203,9 @@ class Binding:
 
     `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
-    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `row`: the word for a
-    row of the measurement: "mode", or "row" if there are several takes; `sent`: the last values that `send` has sent,
-    by the identity of the control; `frame`: DisplayFrame of the page; `state`: what the page shows; `commands`:
-    controls and their effects by name; `tabs`: Tabs of the session, once they are made.
+    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `sent`: the last values
+    that `send` has sent, by the identity of the control; `frame`: DisplayFrame of the page; `state`: what the page
+    shows; `commands`: controls and their effects by name; `tabs`: Tabs of the session, once they are made.
     """
 
     def __init__(
@@ -222,7 +220,7 @@ class Binding:
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
         self.modes, self.open, self.call = modes, open_other, call
-        self.row, self.frame = row_word(run.measurement), DisplayFrame(run)
+        self.frame = DisplayFrame(run)
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Scheduler(wake)
         self.sent: dict[int, object] = {}

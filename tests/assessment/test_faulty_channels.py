@@ -216,7 +216,7 @@ def test_a_free_channel_that_was_exchanged_with_a_given_one_goes_to_its_own_plac
     swapped = replace(estimate, positions=x)
     faulty = faulty_channels(swapped, covariance_of(swapped), NAMES)
     assert {(number, one.kind, one.partner) for number, one in faulty.items()} == {
-        (n, "exchanged", NAMES[other]), (other, "exchanged", NAMES[n])
+        (n, "swapped", NAMES[other]), (other, "swapped", NAMES[n])
     }  # fmt: skip
     np.testing.assert_array_equal(exchanged_back(swapped, faulty, NAMES), estimate.positions)
     np.testing.assert_array_equal(assess(swapped).positions, estimate.positions)
@@ -228,9 +228,9 @@ def test_exchanged_given_positions_are_named_with_their_partner(healthy):
     given[[2, 4]] = given[[4, 2]]
     _, faulty = found_in(replace(healthy, known=known, known_positions=given))
     assert [(fault.name, fault.kind, fault.partner) for fault in faulty.values()] == [
-        ("5", "exchanged", "11"), ("11", "exchanged", "5")
+        ("5", "swapped", "11"), ("11", "swapped", "5")
     ]  # fmt: skip
-    assert faults_text([faulty[5]]) == "microphone 5: exchanged with microphone 11"
+    assert faults_text([faulty[5]]) == "microphone 5: swapped with microphone 11"
 
 
 def test_a_scene_without_noise_has_no_faulty_channel():

@@ -118,7 +118,7 @@ def test_swaps_are_seen_among_microphones_that_stand_elsewhere_and_three_in_each
     found[[4, 9, 15]] = places[[9, 15, 4]]
     check = compare_positions(found, places)
     assert check.permuted == ((4, 9, 15),)
-    assert "channels 4, 9, 15 are exchanged in a cycle" in described(check, range(20))
+    assert "channels 4, 9, 15 are swapped in a cycle" in described(check, range(20))
     places = ball(3, 16, 3)
     found = places.copy()
     found[[2, 7]] = found[[7, 2]]

@@ -31,13 +31,13 @@ from fdcal.viewer.tabs import microphones
 POSITIONS = np.array([[0.1, 0.2], [1 / 3, 4.0]])
 FULL = Calibration(
     POSITIONS, ("a", "b"), "robust", 3, np.array([28.6, 34.3]), 1.25e-7, 41, 2.5, True, ("a",), ("c",), False,
-    0.01, 0.02, np.array([0.0, 0.02]), 343.0, "good", "nothing speaks against these positions",
+    0.01, 0.02, np.array([0.0, 0.02]), 343.0, "good", "no check contradicts the positions found",
     np.array([0.0, 0.001]), np.array([np.zeros((2, 2)), [[1e-6, 1e-7], [1e-7, 2e-6]]]),
     Evidence(1.02, -37.5, np.array([-37.0, -38.0]), np.array([-36.0, -39.0])),
     Channels(
         np.array([0.0, 3.2]), np.array([0.1, 0.2]), np.array([0.0, -178.0]), np.array([0.5, 0.6]),
         np.array([0.0, 31.0]),
-        (ChannelFault("a", "exchanged", 0.4, "m", "b"), ChannelFault("b", "inverted")),
+        (ChannelFault("a", "swapped", 0.4, "m", "b"), ChannelFault("b", "inverted")),
         (GivenPosition("a", (0.1, 0.24), (0.1, 0.2), 0.003, True),),
     ),
 )  # fmt: skip

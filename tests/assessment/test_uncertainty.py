@@ -108,8 +108,7 @@ def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_oth
 
 @pytest.mark.parametrize("given", [KNOWN, NONE], ids=["known", "blind"])
 def test_an_array_twice_as_large_at_half_the_frequencies_has_twice_the_sigma(given):
-    rng = np.random.default_rng
-    measurement = diffuse(rng(3), given)
+    measurement = diffuse(np.random.default_rng(3), given)
     one = at(measurement)
     larger = replace(
         measurement, frequencies=measurement.frequencies / 2, wavenumbers=None, positions=2 * TRUTH,
@@ -124,8 +123,7 @@ def test_an_array_twice_as_large_at_half_the_frequencies_has_twice_the_sigma(giv
 
 def test_the_covariance_of_a_blind_array_turns_with_it_and_holds_no_motion(blind):
     turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
-    measurement = diffuse(np.random.default_rng(0))
-    moved = at(measurement, TRUTH @ turn.T + [3.0, -1.0])
+    moved = at(diffuse(np.random.default_rng(0)), TRUTH @ turn.T + [3.0, -1.0])
     np.testing.assert_allclose(covariance_of(moved), turn @ covariance_of(blind) @ turn.T, rtol=0.02, atol=3e-6)
     R = rigid_motions(TRUTH)
     np.testing.assert_allclose(R.T @ blind.spread.newton @ R, 0, atol=1e-12)

@@ -83,10 +83,10 @@ def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
         page.get_by_role("button", name=lesson.steps[0].choices[0]).click()
         page.get_by_text("Not quite.").wait_for()
         page.keyboard.press("End")
-        page.get_by_text("step 91, sweep 7; modes 1 to 20").wait_for()
+        page.get_by_text("step 91, sweep 7; frequencies no. 1 to 20").wait_for()
         page.locator("#errors").get_by_text("mean 190 mm").wait_for()
         page.get_by_role("button", name="Next step").click()
-        page.get_by_text("step 0, sweep 0; modes 1 to 20").wait_for()
+        page.get_by_text("step 0, sweep 0; frequencies no. 1 to 20").wait_for()
         wait_for(page, "replay.map?.minima.count > 1")
         lowest = page.evaluate("replay.map.minima.lowest[0]")
         truth = load("tiny").positions

@@ -136,6 +136,9 @@ def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkey
         progress(0.25)
         progress(0.5)
     assert capsys.readouterr().err.rpartition("working")[2].startswith("  50 % |")
+    monkeypatch.setenv("TERM", "dumb")
+    exit_code("record", "-o", tmp_path / "b.wav", "--replay", folder / "one.wav", "--seconds", 1, "--channels", 3)
+    assert "\r" not in capsys.readouterr().err, "a line cannot be replaced"
 
 
 @pytest.mark.parametrize(("options", "words"), [

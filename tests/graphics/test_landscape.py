@@ -34,8 +34,8 @@ def test_figure_says_what_it_shows(measured):
     figure = draw_landscape(panels, measurement.positions[9], estimate=measurement.positions[9] + 0.03)
     maps = [axes for axes in figure.axes if axes.images]
     bars = [axes for axes in figure.axes if axes not in maps]
-    titles = [f"mode {m}, {problem.frequencies[m - 1]:.1f} Hz" for m in (1, 5, 9)]
-    assert [axes.get_title() for axes in maps] == [*titles, "sum of the 3 modes"]
+    titles = [f"frequency {m}, {problem.frequencies[m - 1]:.1f} Hz" for m in (1, 5, 9)]
+    assert [axes.get_title() for axes in maps] == [*titles, "sum of the 3 frequencies"]
     assert [axes.get_ylabel() for axes in bars] == ["cost (dB re the highest of each map)"]
     assert (maps[-1].get_xlabel(), maps[0].get_ylabel()) == ("x (m)", "y (m)")
     for axes, found in zip(maps, panels.minima, strict=True):
@@ -175,5 +175,5 @@ def test_figures_as_picture_and_drawing(measured):
     assert image.format == "PNG" and len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
     drawing = ElementTree.fromstring(figure_bytes(figure, "svg"))
     texts = {"".join(node.itertext()) for node in drawing.iter("{http://www.w3.org/2000/svg}text")}
-    assert {"a $ and $ <b>", f"mode 5, {problem.frequencies[4]:.1f} Hz", "sum of the 2 modes", "x (m)"} <= texts
+    assert {"a $ and $ <b>", f"frequency 5, {problem.frequencies[4]:.1f} Hz", "x (m)"} <= texts
     assert len(list(drawing.iter("{http://www.w3.org/2000/svg}image"))) >= 3

@@ -33,8 +33,7 @@ def listen(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
 
 @pytest.fixture(scope="module")
 def measurement(scene):
-    positions = np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2))
-    return listen(positions, search=scene.search)
+    return listen(np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2)), search=scene.search)
 
 
 def parts(drawn):
@@ -271,8 +270,7 @@ def test_areas_of_markers():
 
 @pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
 def test_walls_are_a_closed_band_of_the_right_area(name):
-    scene = load_scene(name)
-    vertices = scene.room.vertices
+    vertices = load_scene(name).room.vertices
     mesh = Mesh("walls", *glyphs.walls(vertices, 0.5), (0, 0, 0))
     perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
     assert area(mesh) == pytest.approx(0.5 * perimeter)

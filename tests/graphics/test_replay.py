@@ -64,8 +64,7 @@ def test_names_and_title_stay_texts(run):
 
 def test_without_truth_and_room(run):
     _, measurement, states = run
-    blind = dataclasses.replace(measurement, positions=None)
-    data, arrays, _ = contents(replay_html(None, blind, states, "Blind"))
+    data, arrays, _ = contents(replay_html(None, dataclasses.replace(measurement, positions=None), states, "Blind"))
     assert not {"truth", "mean", "largest"} & set(arrays) and data["outline"] is data["maps"] is None
 
 
@@ -107,7 +106,7 @@ def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again
     ]
     path.write_text(replay_html(scene, measurement, shown, "Restarts"), encoding="utf-8")
     with offline_page(browser, path, ready="true", script=DRAWN) as page:
-        page.get_by_text("step 10, sweep 0; modes 1 to ").wait_for()
+        page.get_by_text("step 10, sweep 0; frequencies no. 1 to ").wait_for()
         assert not page.get_by_label("Same as solver").is_visible(), "there is no map"
         scale = {text: height for text, height in page.evaluate("window.drawn") if height is not None}
         colours = {text for text, height in page.evaluate("window.drawn") if height is None}
@@ -147,8 +146,7 @@ def test_the_command_writes_a_run(tmp_path, capsys):
 
 def test_a_measurement_without_search_domain_has_maps_too(run, tmp_path):
     """Round the estimate; that of a blind array is moved onto the true positions with it."""
-    blind = dataclasses.replace(run[1], search=None, known=(), known_positions=None)
-    save_measurement(blind, tmp_path / "hall.npz")
+    save_measurement(dataclasses.replace(run[1], search=None, known=(), known_positions=None), tmp_path / "hall.npz")
     assert exit_code("replay", tmp_path / "hall.npz", "-o", tmp_path / "hall.html") == 0
     data, arrays, positions = contents((tmp_path / "hall.html").read_text(encoding="utf-8"))
     assert data["maps"]["modes"] and np.isfinite(arrays["cost"]).all()
@@ -274,12 +272,12 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     with opened(browser, tmp_path / "moment.html", text, address) as page:
         page.get_by_text("step 20, sweep 0").wait_for()
         page.get_by_role("button", name="3-D", pressed=True).wait_for()
-        page.get_by_text("modes 2 to 5").wait_for()
+        page.get_by_text("frequencies no. 2 to 5").wait_for()
         assert page.locator("#microphone").input_value() == "0"
         page.get_by_label("State", exact=True).focus()
         page.keyboard.press("ArrowRight")
         page.locator("#microphone").select_option("m7")
-        page.get_by_label("Last mode").focus()
+        page.get_by_label("Last frequency").focus()
         page.keyboard.press("ArrowRight")
         page.keyboard.press("t")
         wait_for(page, "location.hash == '#step=30&microphone=7&modes=2-6&view=top'")

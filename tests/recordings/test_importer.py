@@ -284,7 +284,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
     limit = f_max(24, radius, SPEED, 3)
     for name, options, words in (
         ("placed.npz", {}, "positions in the file"),
-        ("bare.npz", {"array_radius": radius}, "radius given"),
+        ("bare.npz", {"array_radius": radius}, "0.51 m, as given"),
         ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
     ):
         measurement, report = import_recording(tmp_path / name, ImportOptions(sound_speed=SPEED, **options))
@@ -298,7 +298,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
     measurement, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
     assert limit / 2 < report.highest_frequency < 1.5 * limit, "the coherence tells the radius roughly"
     assert measurement.frequencies[-1] <= report.highest_frequency
-    assert "by the coherence of the channels; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
+    assert "the coherence of the channels; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
 
 
 def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
@@ -306,7 +306,7 @@ def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
     np.savez(tmp_path / "noise.npz", recordings=independent, sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "noise.npz", ImportOptions(sound_speed=SPEED))
     assert report.highest_frequency is None and 400 < measurement.frequencies[-1] <= 500
-    assert "unknown without the radius of the array; array_radius gives it" in import_summary(measurement, report)
+    assert "unknown; radius of the array: unknown; array_radius gives it" in import_summary(measurement, report)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):

@@ -162,7 +162,7 @@ def test_a_channel_at_an_exact_position_that_is_exchanged_is_put_back(sound):
     pressures, partner = sound.pressures.copy(), 7
     pressures[:, [KNOWN[1], partner]] = pressures[:, [partner, KNOWN[1]]]
     end = solved(replace(sound, pressures=pressures), "joint")
-    assert sorted(end.faulty) == sorted([(KNOWN[1], "exchanged"), (partner, "exchanged")])
+    assert sorted(end.faulty) == sorted([(KNOWN[1], "swapped"), (partner, "swapped")])
     assert rms(end.assessment.positions, sound.positions) < 3e-3
 
 

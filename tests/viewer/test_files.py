@@ -118,7 +118,7 @@ def test_the_caption_counts_the_modes_in_use_that_the_map_leaves_out(snapshot, d
     state = drawn.request.state
     request = dataclasses.replace(drawn.request, order_offset=0, custom_modes=False, modes=(1, 2, 3))
     said = caption(snapshot.run, dataclasses.replace(drawn, request=request))
-    assert f"3 of the {state.last - state.first + 1} modes that the solver uses" in said
+    assert f"3 of the {state.last - state.first + 1} frequencies that the solver uses" in said
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):

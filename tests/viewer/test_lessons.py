@@ -287,7 +287,7 @@ def opened(page_of):
     session.seek(session.view.index - 4)
     assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
     turn_until(lambda: page.viewer.tabs.run_bar.time.value == page.viewer.binding.session.view.index)
-    turn_until(lambda: "mode 6" in page.viewer.tabs.spectrum.text.content)  # follows the map
+    turn_until(lambda: "frequency 6" in page.viewer.tabs.spectrum.text.content)  # follows the map
     return page, turn_until
 
 

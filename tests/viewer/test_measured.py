@@ -62,7 +62,7 @@ def test_what_is_nominal_is_not_called_true_nor_its_distance_an_error(array):
     assert "Deviation" in text and "from nominal, after alignment" in text and "Error" not in text
     plane = replace(measurement, positions=None, known_positions=None, array_dimension=2, search=None)
     assert "sought in one plane" in html.status(view, plane)
-    assert "800 rows of 4 takes, 82 to 1224 Hz" in text and "all modes" not in text
+    assert "800 frequencies of 4 takes, 82 to 1224 Hz" in text and "modes" not in text
     picture = with_estimate(static_picture(None, measurement), measurement, view.state.positions)
     assert {"nominal", "deviation"} <= {entry.text for entry in legend_of(picture)}
     assert "nominal_x_m" in position_table(measurement, view.state.positions).splitlines()[0]
@@ -158,7 +158,9 @@ def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
 
 
 def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement):
-    assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
-    assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
-    assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
-    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
+    assert row_label(takes, 4) == "frequency 4, take 1, 140.0 Hz"
+    assert row_label(measurement, 2) == "frequency 2, 140.0 Hz" and modes_label(measurement, (2,)) == "frequency 2"
+    assert modes_label(takes, (4,)) == "frequency 4, take 1" and count_label(takes, (1, 3)) == "2 frequencies of take 0"
+    assert count_label(takes, (1, 2)) == "2 frequencies of 2 takes"
+    assert modes_label(measurement, (1, 2)) == "frequencies no. 1 to 2"
+    assert modes_label(measurement, (2, 5, 9)) == "3 frequencies between no. 2 and no. 9"

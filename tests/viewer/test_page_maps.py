@@ -96,7 +96,7 @@ def test_while_running_a_step_may_wait_and_what_a_user_has_changed_is_shown_at_o
 
 def test_the_legend_names_what_is_drawn(opened):
     viewer, turn_until = opened
-    turn_until(lambda: "misfit (dB re the highest), modes" in legend(viewer).replace("frequencies", "modes"))
+    turn_until(lambda: "misfit (dB re the highest), frequencies" in legend(viewer))
     drawn = viewer.snapshot.drawn
     assert drawn.floor.bar.low < drawn.floor.bar.high <= 0.0
     assert drawn.text_of(drawn.base + drawn.highest) == "0.0 dB", "numbers in the caption are those of the scale"
@@ -107,9 +107,9 @@ def test_the_legend_names_what_is_drawn(opened):
     turn_until(lambda: "trail" in legend(viewer))
     viewer.tabs.map.choose_modes(range(1, 6))
     viewer.tabs.map.show_as("shape")  # the field of the last mode takes the place of the map
-    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "pressure of mode 5" in floor.bar.label)
+    turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "of frequency 5" in floor.bar.label)
     assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
-    turn_until(lambda: "highest in the map: mode 5" in viewer.tabs.spectrum.text.content)
+    turn_until(lambda: "highest in the map: frequency 5" in viewer.tabs.spectrum.text.content)
     set_by_client(viewer.tabs.map.kind, LABELS["none"])
     turn_until(lambda: "pressure" not in legend(viewer))
 
@@ -150,7 +150,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
     turn_until(lambda: sweep.play.label == "Stop")
     set_by_client(sweep.play, True)
-    turn_until(lambda: sweep.play.label == "Add modes one by one")
+    turn_until(lambda: sweep.play.label == "Add frequencies one by one")
 
 
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
@@ -159,7 +159,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     for _ in range(2):  # Play, and pause: the maps are made
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
-    turn_until(lambda: "sum of 3 modes" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)
+    turn_until(lambda: "sum of 3 frequencies" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, "Highest first")
     set_by_client(sweep.highest, 19)
@@ -168,7 +168,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.busy)
     assert len(made.frames) < 19
-    turn_until(lambda: "which all modes share" in sweep.text.content and not sweep._plot.folder.visible)
+    turn_until(lambda: "which all frequencies share" in sweep.text.content and not sweep._plot.folder.visible)
 
 
 def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):
@@ -189,5 +189,5 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
         n, offset = viewer.snapshot.microphone, binding.choices.map_order
         maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
         assert count == len(basins_of(maps.sum(axis=0)).minima), m
-    turn_until(lambda: "sum of 6 modes" in viewer.tabs.map.caption.content)
+    turn_until(lambda: "sum of 6 frequencies" in viewer.tabs.map.caption.content)
     assert len(sweep._plot.data[0]) == 6

@@ -139,7 +139,7 @@ function drawMinima(pen, project, r) {
   }
 }
 
-const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `${data.row} ${maps.modes[indices[0]]}`;
+const rangeText = indices => indices.length > 1 ? `frequencies no. ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `frequency ${maps.modes[indices[0]]}`;
 
 // Caption and colour bar, in decibels relative to the power of the pressures of these modes.
 function colourBar(pen, w) {

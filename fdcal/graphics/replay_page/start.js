@@ -1,6 +1,5 @@
 // The controls, and the first picture.
 $("title").textContent = data.title;
-if (data.row == "row") $("costbox").firstElementChild.textContent = "Cost (Eq. 7, all rows; dB re the power)";
 if (data.reference != "true") $("errorbox").firstElementChild.firstChild.data = "Deviation from nominal (mm): ";
 $("costbox").hidden = !cost;
 $("errorbox").hidden = !mean;

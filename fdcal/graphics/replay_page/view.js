@@ -242,7 +242,7 @@ const off = data.reference == "true" ? "error" : "deviation from nominal";
 function showTexts() {
   const one = first[at] == last[at];
   $("now").textContent = own ? "your positions" : `step ${step[at]}, sweep ${sweep[at]}; ` + (one ?
-    `${data.row} ${first[at]}, ${frequency(first[at])} Hz` : `${data.row}s ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
+    `frequency ${first[at]}, ${frequency(first[at])} Hz` : `frequencies no. ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
   const away = own && truth ? free.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
   $("errors").textContent = mean ? `${off}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
   $("cost").textContent = own || !cost ? "" : `cost ${cost[at].toFixed(1)} dB`;

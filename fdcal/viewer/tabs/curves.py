@@ -18,7 +18,6 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...assessment.words import row_word
 from ...model.validation import evenly_spaced
 from ..state import Binding, PageState, Tab
 
@@ -126,7 +125,7 @@ class CurvesTab(Tab):
             aligned = ", aligned" if measurement.blind else ""
             title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
             self.error = Plot(gui, title, series, "sweeps")
-        title = f"Cost (Eq. 7, all {row_word(measurement)}s; dB re the power)"
+        title = "Cost (Eq. 7, all frequencies; dB re the power)"
         series = uplot.Series(label="sweeps"), uplot.Series(label="cost", stroke=BLUE, width=2.0)
         self.cost = Plot(gui, title, series, "sweeps")
         self.plots = tuple(filter(None, (self.error, self.cost)))

@@ -13,7 +13,7 @@ import viser
 from viser import uplot
 
 from ...acoustics.dictionary import array_f_max, max_order
-from ...assessment.words import count_label, modes_label, row_label, row_word
+from ...assessment.words import count_label, modes_label, row_label
 from ...cost.maps import partial_sums, refined
 from ...model.address import SOLVER
 from ...model.measurement import Measurement
@@ -56,7 +56,7 @@ def caption(run: PreparedRun, drawn: CostMap) -> str:
         text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {request.order_offset}"
         used = request.state.last + 1 - request.state.first
         if not request.custom_modes and request.state.last not in modes:
-            text += f"; {len(modes)} of the {used} {row_word(measurement)}s that the solver uses: the higher ones have"
+            text += f"; {len(modes)} of the {used} frequencies that the solver uses: the higher ones have"
             text += f" too many functions for {measurement.count} microphones"
         lines.append(text)
     return f"<div style='{html.CARD}'>{'<br>'.join(lines)}</div>"
@@ -66,7 +66,7 @@ SCALES = {"Logarithmic": True, "Linear": False}
 OBJECTIVE, EQ7 = "What the method minimises", "Eq. 7, for comparison"
 NO_SEARCH = f"No map: {html.NO_DOMAIN}"
 LABELS = {
-    "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last mode)",
+    "flat": "Flat map", "relief": "Relief", "shape": "Mode shape (last frequency)",
     "volume": "Isosurfaces (3-D)", "none": "No map",
 }  # fmt: skip
 
@@ -83,7 +83,6 @@ class MapTab(Tab):
         self._binding, self._possible = binding, binding.run.problem.search is not None
         self._caption, choices = Memo(), binding.choices
         self.kinds = tuple(kind for kind in cost_maps.MAP_KINDS if kind != "volume" or choices.in_space)
-        row = binding.row
         mapped: Callable[[Choices], bool] = lambda of: self._possible and of.kind != "none"  # noqa: E731
         of_cost: Callable[[Choices], bool] = lambda of: mapped(of) and of.kind != "shape"  # noqa: E731
         labels = {LABELS[kind]: kind for kind in self.kinds}
@@ -98,7 +97,7 @@ class MapTab(Tab):
         )  # fmt: skip
         self.text = binding.on(
             binding.gui.add_text(
-                f"{row.title()} numbers", SOLVER if choices.modes is None else modes_text(choices.modes),
+                "Frequency numbers", SOLVER if choices.modes is None else modes_text(choices.modes),
                 hint=f'Of the map, for example 1-3, 5; "{SOLVER}" for those that the solver uses',
             ),
             self._read, command="map_modes",
@@ -115,7 +114,7 @@ class MapTab(Tab):
                 "Extra orders", 0, MAX_ORDER_OFFSET, 1, lambda choices: choices.order_offset,
                 lambda value: binding.choose(order_offset=value),
                 visible=lambda choices: of_cost(choices) and choices.map_order is not None,
-                hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+                hint="Order of each frequency L = ceil(k R) + this number; 0 is the paper's Eq. 3",
             )  # fmt: skip
             self.scale = binding.choice("Scale", "log", SCALES, visible=of_cost, command="scale")
             self.minima = binding.choice(
@@ -188,7 +187,10 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 HIDDEN = -1e3  # below a plot, for points without a value: uPlot cannot draw NaN
 ORDERS = {"Lowest first": False, "Highest first": True}  # whether modes are added from the highest down
 RATE, MAX_RATE = 4, 20  # modes per second
-ADVICE = "Modes are added to the map one by one, and its local minima are counted: one is left, which all modes share."
+ADVICE = (
+    "Frequencies are added to the map one by one, and its local minima are counted: one is left, which all frequencies"
+    " share."
+)
 
 
 class SweepTab(Tab):
@@ -201,7 +203,7 @@ class SweepTab(Tab):
     part, where, order = "sweep", "Map", 2
 
     def __init__(self, binding: Binding):
-        self._binding, self._map, row, modes = binding, binding.tabs.map, binding.row, binding.modes
+        self._binding, self._map, modes = binding, binding.tabs.map, binding.modes
         self.worker = binding.threads.worker(self._compute)
         self._sweep: Sweep | None = None
         self.made: Sweep | None = None
@@ -210,38 +212,38 @@ class SweepTab(Tab):
         self._revision = -1  # revision of the state whose maps are wanted
         self._curve, self._drawn = Memo(), Memo()
         self._last: CostMap | None = None  # the map that was shown last
-        self._alone, self._label = False, f"Add {row}s one by one"
+        self._alone, self._label = False, "Add frequencies one by one"
         series = (
-            uplot.Series(label="modes"),
+            uplot.Series(label="frequencies"),
             uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
             uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
         )
-        with binding.gui.add_folder(f"Add {row}s"):
-            hint = f"Add one {row} after the other to the map"
+        with binding.gui.add_folder("Add frequencies"):
+            hint = "Add one frequency after the other to the map"
             play = binding.gui.add_button(self._label, icon=viser.Icon.PLUS, hint=hint)
             self.play = binding.on(play, lambda _: self.toggle(), command="sweep")
             self.summed = binding.slider(
-                f"{row.title()}s summed", 1, modes, 1, modes, self.sum_modes, command="modes",
-                hint=f"Number of {row}s whose sum the map shows",
+                "Frequencies summed", 1, modes, 1, modes, self.sum_modes, command="modes",
+                hint="Number of frequencies whose sum the map shows",
             )  # fmt: skip
             self.single = binding.checkbox(
-                f"This {row} only", False, lambda single: self.sum_modes(self._count(), single), command="alone",
-                hint=f"Show only the {row} that was added last, not the sum",
+                "This frequency only", False, lambda single: self.sum_modes(self._count(), single), command="alone",
+                hint="Show only the frequency that was added last, not the sum",
             )  # fmt: skip
             with binding.gui.add_folder("Order and speed", expand_by_default=False):
                 self.order = binding.choice(
                     "Order", "descending", ORDERS,
-                    hint=f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down",
+                    hint="Frequencies 1, 2, 3 and so on, or from the highest down",
                 )  # fmt: skip
                 binding.on(self.order, lambda _: self._restart())
                 # the film's scene begins with the highest
                 highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
-                    f"Highest {row}", 1, modes, 1, highest, lambda _: self._restart(), hint="Of the whole sum"
+                    "Highest frequency", 1, modes, 1, highest, lambda _: self._restart(), hint="Of the whole sum"
                 )
-                self.rate = binding.gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
+                self.rate = binding.gui.add_slider("Frequencies per second", 1, MAX_RATE, 1, RATE)
             self.text = binding.gui.add_html(html.remark(ADVICE))
-            title, x = "Local minima of the sum", f"{row}s summed"
+            title, x = "Local minima of the sum", "frequencies summed"
             self._plot = Plot(binding.gui, title, series, x, height=140, legend=False)
         self.plots = (self._plot,)
 
@@ -485,6 +487,6 @@ class SpectrumTab(Tab):
             order = int(max_order(k, problem.search.radius, state.view.state.order_offset)[0])
             lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {measurement.count} microphones"]
         if measurement.frequencies[used[-1] - 1] > limit:
-            beyond = f"the map has {self._binding.row}s beyond f<sub>max</sub>"
+            beyond = "the map has frequencies beyond f<sub>max</sub>"
             lines += [f"<span style='color: {html.RED}'>&#9888; {beyond}</span>"]
         self.text.content = f"<div style='{html.CARD}'>{'<br>'.join(lines)}</div>"

@@ -61,7 +61,7 @@ class SceneTab(Tab):
         noisy = math.isfinite(parameters.snr_db)
         self.noise = binding.checkbox("Noise", noisy, lambda _: self.refresh())
         snr = round(np.clip(parameters.snr_db, *SNR)) if noisy else DEFAULT_SNR
-        self.snr = gui.add_slider("SNR (dB)", *SNR, 1, snr, hint="Signal-to-noise ratio of each mode")
+        self.snr = gui.add_slider("SNR (dB)", *SNR, 1, snr, hint="Signal-to-noise ratio of each frequency")
         error = float(np.clip(100 * parameters.sound_speed_error, *SPEED_ERROR))
         hint = "By how much the solver's sound speed exceeds the true one"
         self.speed = gui.add_slider("Sound-speed error (%)", *SPEED_ERROR, 0.1, error, hint=hint)

@@ -132,7 +132,7 @@ KINDS = {
     PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 3 s.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
-        "Cost maps of the selected microphone: up to eight single modes, and the sum of all.",
+        "Cost maps of the selected microphone: up to eight single frequencies, and the sum of all.",
         partial(_figure, file_format="png"),
         slow=True,
     ),

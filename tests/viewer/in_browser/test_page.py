@@ -100,7 +100,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     begin_anew(page)
     map_again(page)
     page.keyboard.press("o")
-    page.locator("//label[.='Mode numbers']/following::input[1]").first.click()
+    page.locator("//label[.='Frequency numbers']/following::input[1]").first.click()
     page.keyboard.type("n")
     page.keyboard.press("Escape")
     page.get_by_text("step 0, sweep 0").wait_for()
