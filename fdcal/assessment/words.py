@@ -126,7 +126,7 @@ def result_sentences(
     if end == "Ended":
         said["run"] += f"; {STEP_LEFT}"
     if result.cost_db is not None:
-        said["cost"] = f"{result.cost_db:.1f} dB of the power (Eq. 7, all frequencies that the array can interpolate)"
+        said["cost"] = f"{result.cost_db:.1f} dB of the power unexplained (Eq. 7, all usable frequencies)"
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:
@@ -146,8 +146,8 @@ def result_sentences(
         if overall is not None and each is not None and modes is not None:
             n, m = int(result.healthy[each[result.healthy].argmax()]), int(modes.argmax())
             said["predict"] = (
-                f"{prediction_words(overall)}; worst microphone {result.names[n]}, {each[n]:.1f} dB,"
-                f" worst frequency {f[m]:.1f} Hz, {modes[m]:.1f} dB"
+                f"{prediction_words(overall)}; worst microphone: {result.names[n]}, {each[n]:.1f} dB;"
+                f" worst frequency: {f[m]:.1f} Hz, {modes[m]:.1f} dB"
             )
     if (channels := result.channels) is not None:
         spread = gain_words(result) if channels.gains_sought else "gains taken as equal"

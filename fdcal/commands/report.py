@@ -25,7 +25,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
     said["radius"] = word_arguments(inputs.radius, OPTIONS)
     if said["array"] and inputs.scene is None:
-        said["array"] += word_arguments("; to seek heights, too, import with <array_dimension> 3", OPTIONS)
+        said["array"] += word_arguments("; an import with <array_dimension> 3 seeks heights, too", OPTIONS)
     sigma = result.sound_speed_sigma
     if inputs.distance is not None or sigma is not None:
         certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"

@@ -203,15 +203,15 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     low = f <= DOCTOR_RULES.low_frequency
     low_db = _mean_db(by_field[low]) if np.sum(low) >= DOCTOR_RULES.fewest else np.nan
     one = overall < DOCTOR_RULES.field_db
-    text = "at the lowest third of the frequencies the error of predicting each microphone by a sound field is"
-    text += f" {overall:.1f} dB, by the mean of the others {mean_db:.1f} dB"
+    text = f"error of predicting a microphone from the others: {overall:.1f} dB by a sound field, {mean_db:.1f} dB by"
+    text += " their mean (lowest third of the frequencies)"
     if not one:
         text += ": no sound field, but several recordings, moving microphones, or no measurement"
     field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
     misfit = arrival_misfits(problem, np.asarray(result.positions))
     if misfit is None:
-        return [field, Answer("measured", "unknown", "no direct sound by which to compare arrivals and field")]
+        return [field, Answer("measured", "unknown", "no arrival times, which need impulse responses")]
     if measurement.positions is not None:  # the arrivals may fit the list although the array was not found
         listed = arrival_misfits(problem, np.asarray(measurement.positions))
         misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
@@ -220,7 +220,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     if not np.isfinite(low_db):
         text += f"; no frequencies {below} to compare with"
         return [field, Answer("measured", "unknown", text, 1e3 * median, "mm")]
-    text += f"; {below} the error of predicting each microphone is {low_db:.1f} dB"
+    text += f"; {below} the error of predicting a microphone from the others is {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
     if rays:
         text += ": a simulation by rays, which has no sound field at low frequencies"

@@ -437,13 +437,13 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
     x, found, D = request.layout.positions, [], request.layout.positions.shape[1]
     if not fixes_gauge(x[request.prior.known]):
         what, line = ("the array in its plane", "on one line") if D == 2 else ("the array", "in one plane")
-        side = "; the side of the array's plane on which the source was is not determined"
+        side = "; the pressures do not show on which side of the array's plane the source was"
         found.append(
             f"pressures determine {what} up to a rotation, a translation and a mirror image; {D + 1} given positions"
             f" that are not {line} determine these, too{side if D < request.dimension else ''}"
         )
     if bound.scale_sigma > FORECAST.blurred:
-        found.append(f"the size is known to {100 * bound.scale_sigma:.2g} % only: give another distance or position")
+        found.append(f"the size is known only to {100 * bound.scale_sigma:.2g} %: give another distance or position")
     return tuple(found)
 
 
@@ -472,18 +472,18 @@ def plan_lines(plan: Plan) -> list[str]:
     )
     why = ""
     if forecast.beyond:
-        why = f"; {forecast.beyond} included, which the bound leaves out"
+        why = f"; {forecast.beyond} included, so that it may be below the least error, which leaves them out"
     elif request.is_plane_in_room:
-        why = "; the size of a plane array is only determined in a field that is isotropic, and no room is"
+        why = "; only an isotropic field determines the size of a plane array, and no room is isotropic"
     elif request.kind == "impulse":
         why = "; arrival times hardly reduce it"
     ends = f"{length_text(forecast.low)} to {length_text(forecast.high)}"
     lines.append(f"expected error: {length_text(forecast.rms)} rms, {ends} in 8 of 10 recordings{why}")
     lines.append(
-        f"least error (Cramer-Rao bound): {length_text(plan.bound.rms)} rms, {length_text(float(sigma.max()))} at the"
-        " worst microphone, in a diffuse field"
+        f"least error (Cramer-Rao bound, long spectra): {length_text(plan.bound.rms)} rms,"
+        f" {length_text(float(sigma.max()))} at the worst microphone, in a diffuse field"
     )
-    more = "; 3 dB more takes twice the recording time in the same noise" if len(plan.snr_db) > 1 else ""
+    more = "; 3 dB more SNR needs twice the recording time in the same noise" if len(plan.snr_db) > 1 else ""
     head = f"expected error by number of source positions, each recorded for the same time, and by SNR{more}:"
     table = [["", *(f"{snr_db:g} dB" for snr_db in plan.snr_db)]]
     for number, expected in zip(plan.takes, plan.expected, strict=True):
@@ -499,18 +499,18 @@ def _advice(plan: Plan) -> str:
     reached = plan.expected <= request.accuracy
     own = plan.takes.index(request.takes)
     if reached[own, 0]:
-        return f"{wanted} is expected as planned"
+        return f"the plan is expected to reach the wanted {wanted}"
     needed = []
     if reached[:, 0].any():
         needed.append(f"{plan.takes[int(np.argmax(reached[:, 0]))]} places of the source")
     if reached[own].any():
         needed.append(f"{plan.snr_db[int(np.argmax(reached[own]))]:g} dB")
     if needed:
-        return f"{wanted} needs {' or '.join(needed)}"
+        return f"the wanted {wanted} needs {' or '.join(needed)}"
     if reached.any():
         row = int(np.argmax(reached.any(axis=1)))
         snr_db = plan.snr_db[int(np.argmax(reached[row]))]
-        return f"{wanted} needs {plan.takes[row]} places of the source and {snr_db:g} dB"
+        return f"the wanted {wanted} needs {plan.takes[row]} places of the source and {snr_db:g} dB"
     uncertain = request.known_sigma > 0 and len(request.known) > 0
     remedy = "measure the given positions better" if uncertain else "use more microphones or a wider band"
-    return f"nothing in this table reaches {wanted}: {remedy}"
+    return f"nothing in this table reaches the wanted {wanted}: {remedy}"

@@ -207,7 +207,7 @@ def test_the_advice_follows_from_the_table(text, others):
         one = replace(plan, request=replace(plan.request, accuracy=float(accuracy)))
         advice, reached = planning.plan_lines(one)[-1], plan.expected <= accuracy
         if reached[own, 0]:
-            assert "is expected as planned" in advice
+            assert "the plan is expected to reach" in advice
         elif not reached.any():
             assert advice.startswith("nothing in this table reaches")
         else:
