@@ -3,7 +3,7 @@
 Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
 4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 5 the list that
 `--check` compares with does not fit or is in another order, 130 interrupted; `doctor` ends with 4 at any other
-fault, or if nothing can be said of the list, `study` with 4 if all calibrations are refused.
+fault, or if the list cannot be judged, `study` with 4 if all calibrations are refused.
 An error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
 imported by the command that needs them.
 """
@@ -147,8 +147,8 @@ def commands(context):
 def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it.
 
-    Without SCENE a short film begins, of how one microphone is found. FILE is a measurement or a recording that
-    `fdcal import` reads, SESSION a session saved by the page.
+    Without SCENE it plays a short film that shows how one microphone is found. FILE is a measurement or a recording
+    that `fdcal import` reads, SESSION a session saved by the page.
     """
     from ..viewer.server.hardening import is_loopback
 
@@ -204,7 +204,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
 @opt.option("--distance I,J,METRES", "Distance of two microphones, if none is known; it gives size and sound speed.",
             type=opt.distance)  # fmt: skip
-@opt.option("--time-limit SECONDS", "Of processor time; the best positions so far are written.", type=float)
+@opt.option("--time-limit SECONDS", "Limit of processor time; then the best positions so far are written.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)
@@ -217,11 +217,11 @@ def calibrate(
     """Find the microphones and assess the result.
 
     Several files are takes: recordings, or measurements, of the same channels with the source at other places; files
-    of one channel each are the channels of one take. Of recordings, --known takes names of channels or a table
-    name,x,y[,z], too.
+    of one channel each are the channels of one take. For recordings, --known also takes names of channels or a table
+    name,x,y[,z].
 
-    The exit code is 5 if --check finds swapped channels or a list that does not fit, else 4 if the result cannot be
-    trusted.
+    The exit code is 5 if --check finds swapped channels or a list that does not fit, otherwise 4 if the result cannot
+    be trusted.
     """
     path = opt.output_path(output, ".json", force, *sources) if output else None
     from ..session.calibration_run import solve
@@ -298,7 +298,7 @@ def scenes():
 
 @commands.command()
 def warm():
-    """Compile beforehand what the first runs would wait for.
+    """Compile in advance the code that the first runs would have to wait for.
 
     Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
     """

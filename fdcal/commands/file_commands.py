@@ -76,7 +76,8 @@ def doctor(sources, positions, **recorded):
     different; responses that wrap round; clocks that differ; whether there is one sound field, and whether it was
     measured or simulated; whether the list fits.
 
-    The exit code is 5 if the list does not fit, else 4 if anything else is at fault or nothing can be said of the list.
+    The exit code is 5 if the list does not fit, otherwise 4 if anything else is at fault or the list
+    cannot be judged.
     """
     from ..session.doctor import examine
 
@@ -101,7 +102,7 @@ INTERRUPTED = 130  # exit code
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
 @opt.option("--replay FILE", "Recording to replay instead of a sound card, one for each take.", multiple=True)
 @opt.option("--positions FILE", "List of all positions, to find swapped channels.")
-@opt.option("--known NAMES|FILE", "Known microphones, as of import.")
+@opt.option("--known NAMES|FILE", "Known microphones, as for import.")
 @opt.option("--temperature C", "Of the air, degrees Celsius.", type=float)
 @opt.option("--array-dimension", "2: the microphones lie in a plane.", type=click.IntRange(2, 3))
 @opt.option("--result RESULT.json", "File that the result is written to after each take.")

@@ -1,7 +1,8 @@
 """What a gallery shows: the paper's Fig. 1 and the lessons, as pages of files.
 
-The page of a lesson has text, question and reveal beside the run that each step shows. It holds a run for each scene of
-the lesson. Each part of a step, before and after its answer, shows some states of one run (`replay_page/lesson.js`).
+The page of a lesson has the text, the question and its answer beside the run that each step shows. It holds a run for
+each scene of the lesson. Each part of a step, before and after its answer, shows some states of one run
+(`replay_page/lesson.js`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -39,7 +40,7 @@ INTRODUCTION = (
 )
 
 
-# The run that plays above the index: the paper's Fig. 1, with the map of one microphone at one mode.
+# The run that plays above the index: the paper's Fig. 1, with the map of one microphone at one frequency.
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92
 RUN_TITLE = "Fig. 1: many minima"
 RUN_TEXT = (

@@ -52,7 +52,7 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
 
 
 def _quantity(value: str, units: str, low: float = 0.0) -> float:
-    """Return a number with one of some units, in metres, seconds or the unit itself; ValueError below `low`."""
+    """Return a quantity, a length in metres and a time in seconds; ValueError for another unit, or below `low`."""
     number, unit = _matched(rf"{NUMBER}\s*({units})", value)
     if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
         raise ValueError
@@ -192,7 +192,7 @@ def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
 
 
 def option(name: str, *texts: str, type: Any = None, **more: Any):
-    """Return an option of a command: its name and placeholder, as "--snr DB", perhaps that of its argument, its help.
+    """Return an option from its name and placeholder, as "--snr DB", its argument if that differs, and its help.
 
     A list as `type` is a choice.
     """
@@ -221,7 +221,7 @@ KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is gi
 def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> Callable[[Any], Any]:
     """Return a decorator that adds the options that a dataclass declares, all or those named.
 
-    `types`: of options whose text is not what the field holds.
+    `types`: of the options whose text is converted before it is put into the field.
     """
 
     def add(command):
@@ -262,7 +262,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
         for one in reversed((
             click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
             click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
-            option("--split TIME", "Cut a long recording into takes, as 10s.", type=duration),
+            option("--split TIME", "Cut a long recording into takes of this length, as 10s.", type=duration),
             option("--source I|all", "Which of several sources, from 0; all: each is a take.", type=source_number),
         )):  # fmt: skip
             command = one(command)

@@ -26,9 +26,9 @@ from .report import error_title
 @opt.output_option("FIG.png|svg")
 @opt.force_option
 def landscape(source, microphone, mode_numbers, result, output, force):
-    """Draw the cost of moving one microphone, mode by mode.
+    """Draw the cost of moving one microphone, at each frequency and summed.
 
-    The modes are summed, too, as in Fig. 1 of the paper.
+    This is Fig. 1 of the paper.
 
     The suffix selects a picture or a drawing. The other microphones stand at their true positions, or at those of a
     result. `fdcal snapshot` draws the cost of an array in space.
@@ -109,8 +109,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
 def replay(source, solver, modes, seed, microphone, output, force):
     """Write a calibration as a page that plays in any browser.
 
-    The page maps the cost of moving any microphone, at any step, from any modes; the address after # leads to a moment,
-    as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
+    The page maps the cost of moving any microphone, at any step, from any frequencies; the address after # leads to a
+    moment, as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
     from ..cost.eq7 import reference_cost_of

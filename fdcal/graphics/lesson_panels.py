@@ -16,7 +16,7 @@ from .glyphs import round_ticks, tick_texts
 from .marks import ESTIMATE, css
 
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
-WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # of a chart, its own units; left, top, right, bottom
+WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
 POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, its own units
 FEW = 4  # channels of a list
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
@@ -62,7 +62,7 @@ def chart(
 ) -> str:
     """Return points (P,) as SVG with both axes.
 
-    `labels`: of both axes, with their units; `means`: horizontal lines, each from where to where, how high, and a word;
+    `labels`: of both axes, with their units; `means`: horizontal lines, each as its two ends, its height and a word;
     `red`: the points that are red.
     """
     left, top, right, bottom = EDGES

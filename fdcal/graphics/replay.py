@@ -134,8 +134,8 @@ def replay_html(
 ) -> str:
     """Return the HTML of a run of any solver.
 
-    `costs`, `options`: reference cost and numbers of the microphones sought, and the further parameters, as of
-    `run_data`; `opens_at`: the part after # that is assumed if the address has none.
+    `costs`: the reference cost and the numbers of the microphones sought; `options`: further parameters of `run_data`;
+    `opens_at`: the part after # that is assumed if the address has none.
     """
     return page_html(title, [run_data(scene, measurement, states, *costs, **options)], opens_at)
 
@@ -173,8 +173,8 @@ def run_data(
 
     Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
     `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    otherwise the one that the step moved; `parts`: those of a lesson, whose "range" is changed to the numbers of states
-    that are kept.
+    by default the one that the step moved; `parts`: those of a lesson, whose "range" is changed to the numbers of
+    states that are kept.
     """
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind:  # states are drawn moved onto the true positions

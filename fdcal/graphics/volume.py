@@ -186,7 +186,7 @@ def layer_floor(
 ) -> Floor:
     """Return the layer at `z`, metres, as a map at `height`, metres, `pixels` along its longer edge.
 
-    Beyond the domain it is that at its edge.
+    For a `z` beyond the domain it is the layer at the edge.
     """
     bar, terms = volume.bar, sampled.terms
     domain, lattice = area(terms.domain, 2), terms.domain

@@ -13,8 +13,8 @@ reflection within the window shifts the time by about
 
     sigma = a sqrt(1 - rho^2) / rho / B
 
-the scatter of a maximum likelihood estimate at that ratio of signal to interference. A solver begins with it and
-estimates the actual one.
+which is the standard deviation of a maximum likelihood estimate at that ratio of signal to interference. A solver
+begins with this sigma and estimates the actual one.
 
     rho    correlation of the window with the template
     B      angular RMS bandwidth of the template
@@ -40,13 +40,13 @@ class ArrivalRules:
     taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # least ratio of the peak to the largest amplitude before its window
     min_correlation: float = 0.7  # with the template
-    span: float = 0.02  # seconds; arrivals may differ from their median by this, as in an array of some metres
+    span: float = 0.02  # seconds, largest difference of an arrival from the median, as in an array of some metres
     rounds: int = 4  # iterations of the template and the times
     # a of the module. With a = 1, sigma is 1.1 mm where errors are 0.3 mm (rooms of image sources), and 1.3 mm where
     # they are 0.4 mm (a measured array)
     shifted: float = 0.4
-    min_sigma: float = 3e-4  # metres, over the sound speed: least one sigma of an arrival
-    speed: float = 343.0  # m/s, of `min_sigma` and `span`
+    min_sigma: float = 3e-4  # least one sigma of an arrival, as a path in metres
+    speed: float = 343.0  # m/s, by which `min_sigma` is divided
 
 
 DIRECT_SOUND = ArrivalRules()

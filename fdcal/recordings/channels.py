@@ -30,7 +30,7 @@ from .recording import BLOCK_SAMPLES, Recording, ranges, read_samples, select_ch
 class ClippingThresholds:
     """Thresholds by which a channel counts as silent or clipped."""
 
-    silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
+    silent: float = 1e-7  # level relative to the loudest channel up to which a channel counts as silent
     run: int = 3  # successive samples at the greatest magnitude of a channel; an unclipped wave has fewer
     full_scale: float = 0.999  # fraction of full scale from which a sample counts as at full scale
     full_scale_run: int = 2  # successive samples at full scale
@@ -160,11 +160,11 @@ class TakeRules:
 
     # Hz; two takes are aligned by one channel, whose samples are averaged down to this rate
     rate: float = 2000.0
-    # correlation of this channel from which the takes are compared at every frequency; copies have 0.36 to 1
+    # least correlation of this channel for which the takes are compared at every frequency; copies have 0.36 to 1
     similar: float = 0.25
     stretch: int = 2**15  # number of samples that are compared
     level: float = 1e-4  # least power of a frequency that is compared, relative to the strongest
-    # fraction of the power of a frequency that the two takes do not share: at most 1e-7 in copies, else about 0.7
+    # fraction of the power of a frequency that the two takes do not share: at most 1e-7 in copies, about 0.7 in others
     different: float = 1e-4
     # low, high, segment: the coherence of channels is computed in this band, Hz, where most arrays are coherent, from
     # segments of this length, s

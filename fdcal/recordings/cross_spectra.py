@@ -1,6 +1,6 @@
 """Pressures from a stationary source: noise, music, speech or a machine, whose signal is unknown.
 
-Over one segment T of the recording, under a smooth window, the transforms of all channels at one frequency are the
+Over one segment of length T, under a smooth window, the transforms of all channels at one frequency are the
 field there times the spectrum of what the source emitted: p s + noise. Their cross-spectral matrix over K segments is
 
     C = |s|^2 p p^H + v I,
@@ -86,8 +86,8 @@ class SegmentSettings:
     min_duration: float = 0.5
     max_duration: float = 8.0
     max_samples: int = 20_000_000  # largest number of samples of all channels in one segment
-    max_matrix: int = 10_000_000  # numbers in all cross-spectral matrices together
-    max_count: int = 600  # segments read from a long recording, at even distances
+    max_matrix: int = 10_000_000  # largest number of values in all cross-spectral matrices together
+    max_count: int = 600  # largest number of segments; those of a longer recording are at even distances
     # number of independent segments for which one counts: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 

@@ -2,8 +2,8 @@
 
 The method does not need eigenfrequencies. Any frequency can be used, as long as no source inside the array emits it.
 Frequencies are chosen without regard to the level. At a peak of the level the pressure is at a maximum where the array
-stands, so that its gradient is small: an array much smaller than the wavelength that is calibrated with peaks alone
-comes out at 0.5 to 0.8 of its size. Two frequencies that are close carry the same information. With e(t) the energy of
+stands, so that its gradient is small. If an array much smaller than the wavelength is calibrated with peaks alone, the
+result has 0.5 to 0.8 of its size. Two frequencies that are close carry the same information. With e(t) the energy of
 the response at time t and v its noise or, where that is less, the part that a model of the field cannot explain,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
@@ -23,8 +23,8 @@ from ..acoustics.spectrum import fast_length, rfft
 from ..model.validation import InputError
 from .recording import IMPORT_LIMITS, Band, ImportOptions, Recording, channel_groups, number_in
 
-MIN_SNR = 10.0  # decibels, of a frequency that is used
-DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency
+MIN_SNR = 10.0  # decibels, least signal-to-noise ratio of a frequency that is used
+DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency, down to which frequencies are used
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ ROWS = RowLimits()
 def default_max_rows(microphones: int, takes: int = 1) -> int:
     """Return the default for the greatest number of rows of each take.
 
-    Only computing time limits it. It is divided by the number of takes, since rows of another take carry more
+    It only bounds the computing time. It is divided by the number of takes, since rows of another take carry more
     information than rows that are closer in frequency.
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
@@ -121,7 +121,7 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
 
 # Frequencies at which the coherence of a recording is computed
 COHERENCE_COUNT = 300  # number of frequencies, in equal ratios
-COHERENCE_RANGE = 40.0  # decibels below the strongest frequency
+COHERENCE_RANGE = 40.0  # decibels below the strongest frequency, down to which frequencies are used
 COHERENCE_SAMPLES = 2**27  # of all channels; the coherence of a longer recording is not computed
 
 
@@ -132,7 +132,7 @@ class FrequencyLimit:
     limit: float | None  # Hz; None where the radius is unknown
     radius: float  # of the array, from which the limit follows, metres; 0 where it is unknown
     words: str  # the radius and its origin, arguments in angle brackets
-    estimated: bool = False  # whether the radius is that of the coherence
+    estimated: bool = False  # whether the radius is estimated from the coherence
 
 
 def frequency_limit(
@@ -140,7 +140,8 @@ def frequency_limit(
 ) -> FrequencyLimit:
     """Return the highest frequency that the array can interpolate (Eq. 9).
 
-    The radius is given, or that of the positions in the file, of the known microphones, or of the channels' coherence.
+    The radius is given, or that of the positions in the file or of the known microphones, or it is estimated from the
+    coherence of the channels.
     """
     complete, estimated = recording.positions is not None, False
     radius, words = options.array_radius or 0.0, f"{options.array_radius or 0:.2g} m, as given"

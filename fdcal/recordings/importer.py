@@ -28,7 +28,7 @@ from .impulse_response import MAX_SAMPLES, deconvolve, impulse_response_pressure
 from .recording import IMPORT_LIMITS, Band, ImportOptions, Noise, Recording, in_memory, number_in, read_samples
 from .short_windows import found_flat, short_windows
 
-SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, which is then cut off
+SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, whose end is then cut off
 SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
 DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # highest frequency from which arrivals are determined, over the sampling rate
@@ -359,12 +359,12 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         for number, (one, last) in enumerate(zip(takes, lasts, strict=True)):
             taken, kind = one.pressures, KIND_WORDS[one.kind].partition(":")[0]
             lines.append(f"{f'take {number}':<12} {one.recording.path}: {last} ({kind})")
-            lines.append(f"             {taken.how}; {_band_words(taken)}; SNR {_snr_words(taken)[0]}")
+            lines.append(f"             {taken.how}; frequencies: {_band_words(taken)}; SNR {_snr_words(taken)[0]}")
     else:
         lines = [
             f"channels     {count}, {lasts[0]} ({KIND_WORDS[report.kind]})",
             left_out,
-            f"taken by     {report.pressures.how}",
+            f"method       {report.pressures.how}",
             f"frequencies  {_band_words(report.pressures)}",
         ]
     names = takes[0].recording.names
@@ -378,16 +378,16 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     height, given = takes[0].height, measurement.known_positions
     space = word_arguments("<array_dimension> 3", wording)
     if height is not None:
-        lines += [f"array        in the plane z = {height:g} m, the height of all given positions; in space: {space}"]
+        lines += [f"array        in the plane z = {height:g} m, as all given positions are; {space} seeks heights"]
     elif report.flat:
-        lines += [f"array        flat according to its short windows, sought in a plane; in space: {space}"]
+        lines += [f"array        flat according to its short windows, sought in a plane; {space} seeks heights"]
     elif len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
-        plane = f"z = {given[0, 2]:g} m as the known ones: {word_arguments('<array_dimension> 2', wording)}"
+        plane = f"z = {given[0, 2]:g} m as the known ones, give {word_arguments('<array_dimension> 2', wording)}"
         lines += [f"array        in space; if all microphones stand at {plane}"]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
-        lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
+        lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, exact to about {scatter}"]
     if (windows := measurement.windows) is not None:
         groups, largest, _ = windows.pressures.shape
         of = f"up to {largest} of {1e3 * windows.length:g} ms at each of {groups} frequencies"

@@ -38,7 +38,7 @@ class DecaySettings:
     """Settings of the measurement of the decay."""
 
     channels: int = 24  # number of channels of which the decay is measured
-    segments: int = 48  # of the recording, in each of which the level is measured
+    segments: int = 48  # number of segments of the recording in which the level is measured
     above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a lower level counts as noise
     min_power: float = 1e-6  # relative to the greatest power; lower powers are not used
     # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
@@ -181,7 +181,7 @@ def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
 
 RISE = 10.0  # ratio of powers up to which the level of noise may vary
 GRID = 6  # points of the spectrum per least distance of two frequencies
-MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
+MAX_SAMPLES = 20_000_000  # of an impulse response; a longer recording counts as one of a stationary source
 
 
 def impulse_response_pressures(

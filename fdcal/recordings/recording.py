@@ -190,14 +190,15 @@ class ImportOptions:
         File with the signal that the source emitted.
     rate : float or None
         Sampling rate, Hz, of a file that has none.
-    array_radius : float or None, metres
+    array_radius : float or None
+        Radius of the array, metres; gives the highest usable frequency.
     """
 
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
     frequencies: str = option("auto", "Band to choose from, Hz.", "auto|LO:HI")
-    # bound of time and memory, five times what an import takes by itself
+    # the bound limits time and memory; it is five times the default for 32 microphones
     max_rows: Annotated[int, within(1, 2000)] | None = option(
-        None, "Greatest number of frequencies of all takes.  [default: 400]", "M"
+        None, "Greatest number of frequencies of all takes.  [default: 112 to 800]", "M"
     )
     kind: Literal["auto", Kind] = option(
         "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."

@@ -14,7 +14,7 @@ from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds
 # Number of microphones by the number of their coordinates. Sixty-four in space take a minute of processor time, and the
-# heights of a flat array are not found reliably: one ends 41 mm off, in the plane 6 mm.
+# heights of a flat array are not found reliably: the error of one is 41 mm in space and 6 mm in the plane.
 MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # microphones, up to which an array is tested for being flat
 SKIP = 0.02  # seconds after the direct sound
@@ -23,7 +23,7 @@ MAX_WINDOWS = 400  # largest number of windows of all takes together
 # the square of this number
 MAX_GROUPS, MANY = 120, 32
 MIN_WINDOWS = 30
-SPACING = 1.5  # of the frequencies, over that of independent ones, 1 / WINDOW
+SPACING = 1.5  # spacing of the frequencies relative to that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
 OCTAVE = 2.0  # least ratio of the ends of the band
 QUIET = 1e-3  # power over the mean power at a frequency, below which a window is in a pause

@@ -7,7 +7,7 @@ phase difference between its means over two stretches of time is that of a delay
 
 in any room. Its transform has a peak at d_n(t) (Knapp and Carter, "The Generalized Correlation Method for Estimation of
 Time Delay", IEEE TASSP 24(4), 1976). Each frequency is weighted with the product of the coherences of both stretches.
-The delay of a clock of another speed is a line over time, that of missing samples a step.
+A clock of another speed makes the delay a line over time; missing samples make it a step.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,8 @@ from .recording import Recording, read_samples
 class SynchronyRules:
     """Settings of the measurement of delays; figures are for 16 microphones in a living room and 12 s of sound."""
 
-    # Length of one transform, s, longer than most of the reverberation and than any delay. With it delays scatter by
-    # 0.23 us in noise at 30 dB and 0.70 us in speech, with half of it by 0.39 and 0.91 us, with twice of it by 0.15 and
-    # 1.11 us.
+    # Length of one transform, s, longer than most of the reverberation and than any delay. Delays scatter by 0.23 us in
+    # noise at 30 dB and by 0.70 us in speech; by 0.39 and 0.91 us with half the length, by 0.15 and 1.11 us with twice.
     segment: float = 0.25
     # shortest, longest: of a stretch, s. With 1 s the delays scatter by 1.7 us in speech, and one in 33 is unknown. In
     # 4 s a drift of 80 ppm is 0.3 ms, so that sound below 3 kHz remains coherent.
@@ -42,7 +41,7 @@ class SynchronyRules:
     # Least change of a delay that is a fault, s. If the air becomes 1 K warmer, sound crosses an array of 0.8 m 4 us
     # earlier.
     min_change: float = 1e-5
-    scatter: float = 8.0  # the same, over the scatter of the delays; 43 takes without a fault have 6.5 at most
+    scatter: float = 8.0  # the same, relative to the scatter of the delays; 43 takes without a fault have 6.5 at most
 
 
 SYNCHRONY = SynchronyRules()

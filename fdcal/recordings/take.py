@@ -22,7 +22,7 @@ from .formats.sound import open_for_writing, require_whole_rate
 from .recording import MIN_SAMPLES, ranges, read_samples, select_channels
 
 SUFFIXES = (".wav", ".w64")  # endings of files that a take is written to
-WAV_BYTES = 4e9  # that a WAV file can hold
+WAV_BYTES = 4e9  # largest size of a WAV file
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
 FULL_SCALE = 2.0**31  # of the whole numbers that a sound card delivers
@@ -101,7 +101,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device") from error
 
     def blocks() -> Generator[Block, None, None]:
-        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # of whole numbers: a driver may deliver any float
+        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # whole numbers: a float may be NaN
         size = round(BLOCK * fs)
         try:
             with sd.InputStream(
@@ -173,7 +173,7 @@ def record_take(
     """Record a take of at most `seconds` to a file of 24 bits, or of floats if the stream has no full scale.
 
     `watch`: called after each block with the seconds and the state of the channels so far, returns whether to go on.
-    What was recorded is kept, also where the stream fails.
+    What was recorded is kept even if the stream fails.
     """
     path, wanted, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
     check_take(stream, path, seconds)

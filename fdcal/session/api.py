@@ -160,9 +160,9 @@ def calibrate(
     solver : str, optional
         "robust" (the default), "joint" or "descent".
     modes : int, optional
-        Number of modes in use at the end, the lowest first. The default is all that array and solver can use.
+        Number of frequencies in use at the end, the lowest first. The default is all that array and solver can use.
     noise : str or float, optional
-        "reported" (the default), "auto", or the signal-to-noise ratio of each mode, dB.
+        "reported" (the default), "auto", or the signal-to-noise ratio of each frequency, dB.
     seed : int, optional
         Seed of the solver's random numbers; 0 unless given.
     exclude : sequence of str or int
@@ -172,7 +172,7 @@ def calibrate(
         and the sound speed follow from it.
     time_limit : float, optional
         Seconds of processor time after which the best positions so far are assessed, with the verdict
-        "not_converged"; 45, more for large arrays. An interrupt does the same.
+        "not_converged"; by default 90, more for large arrays. An interrupt does the same.
     settings : SolverSettings, optional
         Settings to begin with, such as those of a scene (`scene.solver`).
     progress : callable, optional
@@ -228,7 +228,7 @@ def landscape(
     calibration: Calibration | None = None,
     settings: SolverSettings | None = None,
 ) -> "LandscapePanels":
-    """Return the cost of moving one microphone, mode by mode and summed.
+    """Return the cost of moving one microphone, for each frequency and summed.
 
     The cost is Eq. 7; drawn, it is the paper's Fig. 1.
 
@@ -239,7 +239,7 @@ def landscape(
     microphone : str or int
         Name, or number counted from 0.
     modes : sequence of int
-        Counted from 1.
+        Numbers of the frequencies, counted from 1.
     calibration : Calibration, optional
         Gives the positions of the other microphones; the default are their true positions.
     settings : SolverSettings, optional
@@ -253,7 +253,7 @@ def landscape(
     Raises
     ------
     InputError
-        A microphone or mode does not exist, no positions are known, or there is no search domain.
+        A microphone or frequency does not exist, no positions are known, or there is no search domain.
 
     Examples
     --------

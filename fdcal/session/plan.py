@@ -62,7 +62,8 @@ class Layout:
 def read_layout(text: str, seed: int = 0) -> Layout:
     """Return the array of a table or geometry, a scene, or a geometry in words.
 
-    Words are its name as in scenes, then count and radius, or shape and size, metres; `seed`: of "ball" and "box".
+    The words are the name of the geometry as in scenes, then count and radius, or shape and size, metres; `seed`: of
+    "ball" and "box".
     """
     words = text.split()
     if Path(text).suffix.lower() in READERS:
@@ -264,12 +265,12 @@ class ForecastRules:
     # the scatter that follows from the covariance.
     field_scatter: float = 0.2
     quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws lie
-    # Error over the bound of a plane array in a room: low, middle, high. Its size follows from equally strong waves
-    # from all directions, which the bound assumes and no room has.
+    # Error over the bound of a plane array in a room: low, middle, high. The bound assumes
+    # equally strong waves from all directions, from which the size of such an array follows; no room has them.
     plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
     source_sets: int = 8  # number of sets of source positions over which arrival times are averaged
     takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares with its own
-    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # differences from its own ratio that a plan compares
+    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # dB above its own ratio, of the ratios that a plan compares
     # dB, greatest ratio that is compared. Channels that are equal to 0.1 dB and 0.5 degrees cause the same errors as
     # noise 38 dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0
@@ -404,9 +405,9 @@ def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int
 def arrival_matrix(positions: np.ndarray, source: np.ndarray, D: int) -> np.ndarray:
     """Return the information of the arrival times of one take : (N D + 1, N D + 1) float64.
 
-    It is that on the first D coordinates of the microphones and on the logarithm of the sound speed. `positions`
-    (N, 2 or 3) of the microphones and `source`, metres. The unknown position of the source and time of emission are
-    projected out of the residuals.
+    It is the information on the first D coordinates of the microphones and on the logarithm of the sound speed.
+    `positions` (N, 2 or 3) of the microphones and `source`, metres. The unknown position of the source and time of
+    emission are projected out of the residuals.
     """
     (N, size), rules, away = positions.shape, FORECAST, positions - source
     path = np.linalg.norm(away, axis=1)

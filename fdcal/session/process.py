@@ -1,7 +1,7 @@
 """Signal handlers and the number of BLAS threads: fdcal changes them while it works and restores them afterwards.
 
 The matrices of the solvers are small and their own threads share the work by modes: more threads of BLAS cost more time
-than they save, most of all beside another process. Importing fdcal changes nothing.
+than they save, especially beside another process. Importing fdcal changes nothing.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP")
 
 @contextlib.contextmanager
 def handled_by(handler: Callable[..., object], every: bool) -> Iterator[None]:
-    """Let `handler` receive the signals of ENDING in the block that have no handler or, if `every`, also the others.
+    """Within the block, let `handler` receive the signals in ENDING that have no handler, or with `every` all of them.
 
     A signal that was ignored before, as under nohup, stays ignored.
     """

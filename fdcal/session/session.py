@@ -62,7 +62,7 @@ class StateCosts:
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)
-        self.duration = time.thread_time() - began if self.count else 0.0  # the first one also makes its tables
+        self.duration = time.thread_time() - began if self.count else 0.0  # the first computation also makes its tables
         self._values[key] = weakref.ref(state, lambda _: self._values.pop(key, None)), value
         self.newest, self.count = value, self.count + 1
 
@@ -151,7 +151,7 @@ class SolverRun:
         self._states = list(states) or [self._module.init(problem, settings, self._seed)]
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
-        self._reached: Callable[[Any], bool] | None = None  # true once the state reached ends the run
+        self._reached: Callable[[Any], bool] | None = None  # whether a state ends the run
         self._gesture: object = None  # the gesture by which the user made the last state, if it moved a microphone
         self.pause_between_steps = 0.0
         self.spent = collections.deque([0.0], maxlen=3)  # processor time of each of the last steps, s

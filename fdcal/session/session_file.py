@@ -116,7 +116,7 @@ PLACES = ("positions", "shape", "centre")  # arrays of coordinates, metres
 
 
 class StateReader:
-    """States out of JSON, checked against their types and the problem, which determines the shapes and ranges."""
+    """Reads states from JSON and checks them against their types and the problem, which gives shapes and ranges."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], problem: Problem):
         self._arrays = arrays
@@ -132,7 +132,7 @@ class StateReader:
         self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
 
     def state(self, table: dict[str, Any], State: type) -> Any:
-        """Return a state out of a dict of its fields."""
+        """Return the state that a dict of its fields describes."""
         try:
             state = msgspec.convert(table, State, dec_hook=self._array)
         except msgspec.ValidationError as error:
@@ -162,7 +162,7 @@ class StateReader:
         if dataclasses.is_dataclass(value) and value is not given:
             fields = [field.name for field in dataclasses.fields(value)]
             if others := set(given) ^ set(fields):  # msgspec would fill in missing fields and skip unknown ones
-                raise InputError(f"{key}: other fields than here: {shown(sorted(others), 300)}", OTHER_VERSION, key=key)
+                raise InputError(f"{key}: unknown or missing: {shown(sorted(others), 300)}", OTHER_VERSION, key=key)
             for field in fields:
                 self._check(field, getattr(value, field), given[field])
         elif isinstance(value, tuple):

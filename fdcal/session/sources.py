@@ -34,7 +34,7 @@ class CalibrationInput:
     """A measurement and how to calibrate it."""
 
     name: str  # name of the scene or the file
-    scene: Scene | None  # None if the measurement was read from a file, also by a measured scene
+    scene: Scene | None  # None if the measurement was read from a file, as that of a measured scene is
     measurement: Measurement  # without the `excluded` microphones
     settings: SolverSettings
     seed: int
@@ -48,7 +48,7 @@ class CalibrationInput:
     # how reports of errors call the positions of the measurement; "" for the true or the nominal positions
     compared_with: str = ""
     remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
-    labels: tuple[str, ...] = ()  # of the channels, with their names in the list if it has others; () without a list
+    labels: tuple[str, ...] = ()  # of the channels, each with its name in the list if that differs; () without a list
     title: str = ""  # of a scene that is a measurement; "" stands for its name
     radius: str = ""  # of the array, and how the import determined it, in words; "" without recordings
 

@@ -133,7 +133,7 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
 def fine_maps(
     run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, kept: Collection[int] = ()
 ) -> tuple[list[Reals], Reals, Search] | None:
-    """Return maps of single modes and their sum on a lattice as fine as the screen, with it; None once cancelled.
+    """Return maps of single modes, their sum, and their lattice, as fine as the screen; None once cancelled.
 
     `cancelled`: whether the maps are no longer wanted; `kept`: which of the modes of the request have a map of
     their own, as indices. Raises InputError: there is no search domain, or a mode cannot be shown at the order of the
@@ -223,7 +223,7 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        # of volumes, by whether fine: the values, and what is drawn of them without the layer
+        # of volumes, by whether they are fine: the values, and what is drawn of them, except the layer
         self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
         self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
         self.worker = threads.worker(self._compute, quick=True)

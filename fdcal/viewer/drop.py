@@ -108,7 +108,7 @@ class Drop:
         self._requested: tuple[Drag, CostMap] | None = None
         self._gesture = -1  # to which the following times belong
         self._released = self._rolls = math.nan  # time at which the microphone was released, and began to roll, s
-        self._placed: tuple[SessionView, float] | None = None  # view and time, s, at which the session got the end
+        self._placed: tuple[SessionView, float] | None = None  # view of the session, and time, s, when it got the end
         self._ended: object = None  # the state of the session in which the microphone has come to rest
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
@@ -240,7 +240,7 @@ class Drop:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
-        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # a layer must have its height
+        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at the height of the layer, too
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
 
 

@@ -51,7 +51,8 @@ FORM = Path(__file__).with_name("own_files.html")
 
 @dataclass
 class Delivered:
-    """The files of one browser, with their purposes; `uploaded` shows it the number of bytes that have arrived."""
+    """The files of one browser, with their purposes; `uploaded` shows the browser how many bytes have
+    arrived."""
 
     folder: Path
     uploaded: viser.GuiHtmlHandle

@@ -105,8 +105,8 @@ def status(
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
         "In use": f"{words.modes_label(measurement, used)}, {words.band_label(measurement, used)}",
         error: f"<b>{mean}</b>"
-        + f"{comma}<span style='white-space: nowrap'>{largest}</span>" * bool(largest)
-        + f"<br>{DIM}{compared}</span>" * bool(compared),
+        + (f"{comma}<span style='white-space: nowrap'>{largest}</span>" if largest else "")
+        + (f"<br>{DIM}{compared}</span>" if compared else ""),
         "Cost": cost.replace(" (", f" {DIM}(") + "</span>",
         "Array": words.plane_words(measurement),
     }

@@ -45,7 +45,7 @@ IDLE_RATE = 5.0  # the same after some time without a change; users and the solv
 MAX_RATE = 50.0  # updates per second while the loop is woken
 SETTLING = 5.0  # s of updates after the last change, longer than the delay of any update
 CANVAS_INTERVAL = 1.0  # s between two checks of the sizes of all canvases
-RELEASE_DELAY = 1.5  # s from the end of a session, within which its threads end, until its memory is released
+RELEASE_DELAY = 1.5  # s from the end of a session to the release of its memory; its threads end meanwhile
 
 log = logging.getLogger(__name__)
 

@@ -387,7 +387,8 @@ class Tabs:
     def follow_solver(self) -> None:
         """Show the map of what the next step minimises: on another one a run would look wrong.
 
-        A method that moves a microphone to the lowest place of its map uses the modes of the map, if they are in a row.
+        A method that moves a microphone to the lowest place of its map uses the modes of the map, if these are
+        consecutive.
         """
         binding, modes = self.binding, self.binding.choices.modes
         self.sweep.playing = None

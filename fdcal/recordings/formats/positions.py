@@ -387,7 +387,7 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
     kinds = [meaning(cell)[0] for cell in head]
     left = [c for c in range(len(head)) if c not in used and kinds[c] not in ("uncertainty", "unit")]
     naming = sorted((c for c in left if kinds[c] == "name"), key=lambda c: head[c] in ("", "#"))[:1]
-    if not naming and left[:1] == [0] and not any("." in cell for cell in cells[0]):  # in another language
+    if not naming and left[:1] == [0] and not any("." in cell for cell in cells[0]):  # a name in another language
         naming = [0]
     for column in left:
         if column not in naming and any(map(is_number, cells[column])) and not _counts(list(cells[column])):

@@ -1,8 +1,8 @@
 """The tab Map: microphone, modes and kind of the map, its modes added one by one, and the power spectrum.
 
-The animation "Add modes one by one" adds modes to the map from the lowest up, or from a high one down, and counts the
-local minima of each sum. A thread computes its maps on the same fine lattice as those of a page at rest, so that both
-have the same local minima.
+The animation "Add frequencies one by one" adds modes to the map from the lowest up, or from a high one down, and counts
+the local minima of each sum. A thread computes its maps on the same fine lattice as those of a page at rest, so that
+both have the same local minima.
 """
 
 from collections.abc import Callable, Iterator

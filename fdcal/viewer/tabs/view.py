@@ -76,7 +76,7 @@ log = logging.getLogger(__name__)
 
 
 def _picture(snapshot: PageState) -> bytes:
-    """Rendered again in a child process."""
+    """Return the picture as PNG, drawn again in a child process."""
     measurement, counted = snapshot.run.measurement, snapshot.counted
     errors = measurement.errors(snapshot.view.state.positions, counted)
     line = error_line(None if errors is None else errors[counted], measurement.blind, measurement.nominal)
@@ -199,7 +199,7 @@ class ExportTab(Tab):
         self.worker.request(client, kind, replace(self._binding.state, choices=self._binding.choices))
 
     def _make(self, client: viser.ClientHandle, kind: Kind, state: PageState) -> None:
-        """On the thread. A page that has closed meanwhile gets nothing, and disturbs no other."""
+        """Make a file, on the thread, and send it to the page unless that has closed meanwhile."""
         try:
             content = kind.make(state)
         except Exception as error:
