@@ -67,7 +67,8 @@ def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
 
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck, fit: ListFit | None) -> str:
     """Return a comparison in words: swapped channels, and the distance of each microphone from its position."""
-    names, measurement = inputs.labels or inputs.measurement.names, inputs.measurement
+    measurement = inputs.measurement
+    names = inputs.labels or measurement.names
     lines = words.comparison_sentences(check, names, result.verdict, len(inputs.given) > 0, OPTIONS, fit)
     error, scaled = (result.aligned and result.max_error) or 0.0, _size_is_open(inputs, result)
     apart = abs(check.errors[result.counted(inputs.given)].max() - error)
@@ -98,7 +99,8 @@ def takes_report(
     listed, said = inputs.measurement.positions, words.result_sentences(result, inputs.measurement, inputs.given)
     sigmas = np.full(len(result.names), np.nan) if result.uncertainty is None else result.uncertainty
     sigma = float(np.sqrt(np.mean(sigmas[result.healthy] ** 2)))
-    wrong, faults = list[str](), () if result.channels is None else result.channels.faults
+    wrong = list[str]()
+    faults = () if result.channels is None else result.channels.faults
     if check is not None and listed is not None and check.fits:
         wrong = words.list_faults(check, fit_result(check, result, listed), inputs.labels or result.names)
     lines = [
@@ -115,7 +117,8 @@ def takes_report(
     else:
         after = sigma * float(np.sqrt(takes / (takes + 1)))  # with the information of an average take
         lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}")
-    kinds, axes = {fault.name: fault.kind for fault in faults}, "xyz"[: result.positions.shape[1]]
+    kinds = {fault.name: fault.kind for fault in faults}
+    axes = "xyz"[: result.positions.shape[1]]
     lines.append(f"microphone{''.join(f'{axis} (m)'.rjust(10) for axis in axes)}   one sigma")
     for name, position, one in zip(result.names, result.positions, sigmas, strict=True):
         cells = "".join(f"{x:z10.4f}" for x in position)

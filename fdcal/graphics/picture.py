@@ -234,7 +234,8 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
         return replace(picture, floor=None)
     if floor.heights is not None:
         picture = picture.plus(*relief_sides(floor, picture.theme))
-    radius, curves = picture.marker_radius, {f"same/{i}": curve for i, curve in enumerate(floor.curves[::-1])}
+    radius = picture.marker_radius
+    curves = {f"same/{i}": curve for i, curve in enumerate(floor.curves[::-1])}
     captions = (*picture.captions, *floor.captions, *((name, curve.text) for name, curve in curves.items()))
     picture = replace(picture, floor=floor, captions=captions)
     for name, curve in curves.items():
@@ -376,7 +377,8 @@ def with_ellipses(
     if not len(seen):
         return picture
     centres = on_layer(drape(positions[seen], floor, radius), picture.z_range[0], radius, Layer.ELLIPSE)
-    half, text = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - axes.shape[2]))), MARKS["ellipses"].text
+    half = np.pad(axes[seen], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
+    text = MARKS["ellipses"].text
     angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)[:, None, None]
     rim = np.cos(angles) * half[:, -1] + np.sin(angles) * half[:, -2] + centres
     pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)

@@ -132,8 +132,7 @@ def stationary_pressures(
         problem = f"{recording.path}: no frequency from {band[0]:g} to {band[1]:g} Hz is coherent at the microphones"
         raise NothingAboveNoise(problem, "record one source only, louder than the noise")
     f = seen[row]
-    keep = keep[np.argsort(-snr[keep], kind="stable")]
-    rows = _within(row, keep, seen, band, max_rows, 0.25 * window)
+    rows = _within(row, keep[np.argsort(-snr[keep], kind="stable")], seen, band, max_rows, 0.25 * window)
     how = f"eigenvectors of the mean over {len(starts)} segments of {length / recording.sample_rate:.3g} s"
     k = 2 * np.pi * f[rows] / sound_speed
     return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)

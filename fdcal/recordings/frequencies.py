@@ -91,8 +91,7 @@ def choose_frequencies(
     (B,), mean over the microphones, the noise 0 where it is unknown. Raises NothingAboveNoise.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))
-    snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
-    usable = snr >= MIN_SNR
+    usable = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor) >= MIN_SNR
     if not np.any(usable):
         band = f"between {frequencies[0]:g} and {frequencies[-1]:g} Hz"
         remedy = "record at a higher level, or choose another band: <frequencies> LO:HI"

@@ -374,8 +374,7 @@ def deconvolve(recording: Recording, reference: Recording, band: Band) -> tuple[
     made = replace(made, positions=recording.positions, sound_speed=recording.sound_speed)
     if samples - length < DECONVOLUTION.min_outside * samples:
         return made, None
-    density = outside / recording.count / (samples - length)
-    return made, smoothed(f, density, DECONVOLUTION.smoothing)
+    return made, smoothed(f, outside / recording.count / (samples - length), DECONVOLUTION.smoothing)
 
 
 def _inverse(S: np.ndarray, f: np.ndarray, band: Band) -> np.ndarray | None:

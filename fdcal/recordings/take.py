@@ -138,8 +138,7 @@ def replayed(
             wait((stop - start) / recording.sample_rate)
             yield read_samples(recording, start, stop), False
 
-    full_scale = recording.full_scale
-    return SoundStream(str(path), recording.sample_rate, recording.names, full_scale, blocks)
+    return SoundStream(str(path), recording.sample_rate, recording.names, recording.full_scale, blocks)
 
 
 def check_take(stream: SoundStream, path: Path, seconds: float) -> None:

@@ -216,8 +216,7 @@ def calibrate(
         if len(parts) != 3:
             raise refusal("distance", distance, "is not two microphones and a length", "write (0, 1, 0.25), metres")
         distance = str(parts[0]), str(parts[1]), convert(parts[2], float, "distance")
-    inputs = replace(inputs, distance=distance, time_limit=time_limit)
-    return solve(inputs, progress, keep=True)
+    return solve(replace(inputs, distance=distance, time_limit=time_limit), progress, keep=True)
 
 
 def landscape(

@@ -105,8 +105,7 @@ def examine(
     if positions is not None:
         inputs = compared_with_file(inputs, positions)
     blind = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
-    inputs = replace(measurement_input(blind, inputs.name), remark=inputs.remark)
-    yield from _of_field(inputs, stationary, progress)
+    yield from _of_field(replace(measurement_input(blind, inputs.name), remark=inputs.remark), stationary, progress)
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
@@ -294,7 +293,8 @@ def _list(
     kinds += [("repeated", names[n]) for n in fit.repeated]
     kinds += ([("off", "")] if fit.poor and sure else []) + ([("size", "")] if fit.sized else [])
     unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing about the list
-    rms, state = 1e3 * fit.rms, "fault" if faults else "unknown" if unknown else "fine"
+    rms = 1e3 * fit.rms  # mm
+    state = "fault" if faults else "unknown" if unknown else "fine"
     text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"
     return Answer("list", state, text, rms, "mm", tuple(kinds))

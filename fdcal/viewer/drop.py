@@ -240,7 +240,8 @@ class Drop:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
-        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step  # at the height of the layer, too
+        # A layer must also have the height of the true position.
+        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
 
 

@@ -99,7 +99,8 @@ def status(
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     kept = state.best_positions is not state.positions  # while the run tries another start
-    used, verdict = tuple(range(state.first, state.last + 1)), [] if found is None else [found.verdict]
+    used = tuple(range(state.first, state.last + 1))
+    verdict = [] if found is None else [found.verdict]
     cost = words.cost_words(view.cost, state.channels is not None)
     rows = {
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),

@@ -182,8 +182,7 @@ class Page:
         assert run is not None
         try:
             with self.server.atomic():
-                before = old and old.binding.choices
-                new = Viewer(self, run, before)
+                new = Viewer(self, run, old and old.binding.choices)
                 if old is not None:  # its controls leave the scene
                     old.picker.handles.remove()
                     self.panels.overlay.show("words", "")

@@ -387,7 +387,7 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
     assert "in space; if all microphones stand at z = 1.2 m" in import_summary(measurement, report)
     measurement, report = import_recording(folder, ImportOptions(known=known, array_dimension=2))
     assert measurement.array_dimension == 2 and measurement.known_positions.shape == (4, 2)
-    assert "in the plane z = 1.2 m, the height of all given positions" in import_summary(measurement, report)
+    assert "in the plane z = 1.2 m, as all given positions are" in import_summary(measurement, report)
     blind = import_recording(folder, ImportOptions(known="none", array_dimension=2))[0]
     assert blind.array_dimension == 2 and not len(blind.known)
 

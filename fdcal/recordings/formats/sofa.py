@@ -103,8 +103,7 @@ def placed_receivers(path: Path) -> np.ndarray:
     """Return the positions (N, 3), metres, of the channels of the first source; the responses are not read."""
     with open_sofa(path) as file:
         _, shape, _ = responses(file)
-        first = sources_of(file, shape["M"]) == 0
-        return receiver_positions(file, shape["M"], shape["R"])[first].reshape(-1, 3)
+        return receiver_positions(file, shape["M"], shape["R"])[sources_of(file, shape["M"]) == 0].reshape(-1, 3)
 
 
 def each_of(values: np.ndarray, name: str, count: int) -> np.ndarray:

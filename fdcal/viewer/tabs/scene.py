@@ -67,7 +67,8 @@ class SceneTab(Tab):
         self.speed = gui.add_slider("Sound-speed error (%)", *SPEED_ERROR, 0.1, error, hint=hint)
         hint = "Microphones whose positions are given"
         self.known = gui.add_slider("Known microphones", 0, max(MICROPHONES[1], count), 1, parameters.known, hint=hint)
-        seed, hint = min(parameters.seed, MAX_SEED), "Of random microphone positions, of the noise and of random starts"
+        seed = min(parameters.seed, MAX_SEED)
+        hint = "Of random microphone positions, of the noise and of random starts"
         self.seed = gui.add_number("Scene seed", seed, min=0, max=MAX_SEED, step=1, hint=hint)
         hint = "Simulate this scene and restart"
         apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint=hint)
