@@ -1,10 +1,10 @@
 """Box-shaped and rectangular rooms: the sound field of a point source in closed form, and the density of the modes.
 
-In three dimensions the closed form replaces a simulation. The field in the room, with rigid, pressure-release or
-locally reacting walls, is a sum over its eigenfunctions along two axes; along the third each term is a wave between two
-walls in closed form, which decays exponentially with the distance from the source. So the sum converges exponentially,
-to rounding errors, away from the source. In a rectangle of two dimensions the source is a line perpendicular to it, the
-sum is along one axis, and the closed form along the other:
+In three dimensions this closed form replaces a simulation. Walls are rigid, pressure-release or locally reacting. The
+field is a sum over the eigenfunctions along two axes. Along the third axis each term is a wave between two walls, in
+closed form, which decays exponentially with the distance from the source. Away from the source the sum therefore
+converges exponentially, down to rounding errors. In a rectangle of two dimensions the source is a line perpendicular to
+the rectangle, the sum is over one axis, and the closed form holds along the other:
 
     p(x) = sum_t  psi_t(x) psi_t(x_s) g_t(z, z_s),        gamma_t = sqrt(kappa_t^2 - k^2)
     g_t  = exp(-gamma |z - z_s|) (1 + R exp(-2 gamma z_<)) (1 + R exp(-2 gamma (l - z_>))) / N
@@ -12,25 +12,29 @@ sum is along one axis, and the closed form along the other:
 
 k         wavenumber, rad/m, complex: (2 pi f - j s) / c with the time sign exp(+j w t)
 s         rate of decay, 1/s
-l         length of an axis, metres;  z_<, z_> the lesser and the greater of z and z_s
-h         1/m, of a wall with outward normal n: dp/dn = -h p; 0 if it is rigid, else j k beta with the specific
-          admittance beta = rho c / Z
-R         (gamma - h) / (gamma + h), reflection by a wall: 1 rigid, -1 pressure-release
-kappa     wavenumber of an eigenfunction along an axis, rad/m; kappa_t^2 is the sum of two
+psi_t     eigenfunction of number t, whose square has the integral 1;  x_s position of the source
+z, z_s    coordinates of x and x_s along the axis of the closed form;  z_< the smaller of the two, z_> the larger
+l         length of that axis, metres
+h         coefficient of a wall with outward normal n, 1/m: dp/dn = -h p. It is 0 at a rigid wall, and j k beta at an
+          absorbing wall of the specific admittance beta = rho c / Z
+R         (gamma - h) / (gamma + h), reflection factor of a wall: 1 if it is rigid, -1 if it is pressure-release
+kappa     wavenumber of an eigenfunction along one axis, rad/m; in a box kappa_t^2 is the sum of the squares of two
 
-Damping. Each term solves Helmholtz's equation at the same k, so p solves it exactly everywhere except at the source. It
-would not if each eigenvalue had a damping of its own. One complex k for all of them has two exact interpretations: the
-air damps every wave by s nepers a second, or the recordings of an undamped room were weighted with exp(-s t), as
-`fdcal.acoustics.spectrum` does with simulated ones. Absorbing walls add their own damping, through h at that same k.
+Damping. Each term solves Helmholtz's equation at the same k, so p solves it exactly everywhere except at the source; p
+would not solve it if each eigenvalue had its own damping. A complex k that all terms have in common has two exact
+interpretations. Either the air damps every wave by s nepers per second, or the recordings of an undamped room were
+weighted with exp(-s t), as `fdcal.acoustics.spectrum` does with simulated recordings. Absorbing walls add their own
+damping, through h at the same k.
 
-The number N of modes below f, and the number n of frequencies in 1 Hz that carry independent information:
+The number N of modes below f, and the number n of frequencies in 1 Hz that carry independent information, are
 
     N(f)  = 4 pi/3 V (f/c)^3 + pi/4 S (f/c)^2 + L/8 f/c    in a box (Kuttruff, Room Acoustics, ch. 3)
     N(f)  = pi A (f/c)^2 + P/2 f/c                         in a rectangle of two dimensions
     n(f)  = min(dN/df, T60 / 2.2)                          independent frequencies in 1 Hz
 
-V, S, L, A, P: volume, surface, sum of the edges; area and perimeter. 2.2 / T60 is the width of a resonance at -3 dB,
-Hz: where resonances overlap (Schroeder 1962), pressures at two frequencies closer than that are not independent.
+V, S, L are the volume, the surface and the total edge length of a box; A and P are the area and the perimeter of a
+rectangle. 2.2 / T60 is the width of a resonance at -3 dB, Hz. Where resonances overlap (Schroeder 1962), the pressures
+at two frequencies that are closer than this width are not independent.
 """
 
 import itertools
@@ -47,21 +51,22 @@ from ..model.validation import LIMITS, InputError, Numbers, Reals, refusal
 from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
-ROUGH = 10.0  # nepers that suffice to find the peaks
+ROUGH = 10.0  # the same for a less accurate field, which suffices to find the peaks
 MAX_TERMS = 40_000
-BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
-LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
-POINTS = 6  # points of the spectrum in the width of a line
-# Number of steps from a rigid to an absorbing wall, divided by |h| l. Each step takes a few Newton iterations.
+BLOCK_VALUES = 65_536  # terms times microphones times wavenumbers in one batch; such an array takes 1 MB
+LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times the duration
+POINTS = 6  # points of the spectrum per line width
+# The eigenvalues between absorbing walls are found in steps from a rigid wall on; STEPS is their number over |h| l.
 STEPS = 4.0
 MAX_STEPS = 100
-NEWTON_STEPS = 12  # iterations for the eigenvalues between absorbing walls, at most
+NEWTON_STEPS = 12  # largest number of Newton iterations in each of these steps
 
 
 def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, progress=None) -> ModalPressures:
-    """Return the pressures, 1/m, of a source of flat spectrum at the peaks of their mean power, at (N, 3) metres.
+    """Return the pressures, 1/m, of a source of flat spectrum at positions (N, 3), metres.
 
-    The decay rate is s = 12 / duration of the source, as for a recording of that length.
+    They are computed at the frequencies where their mean power has peaks. The decay rate is s = 12 / (duration of the
+    source), as for a recording of that length. Raises InputError for a duration that does not resolve the lines.
     """
     require_duration(source.duration, sensing.resolution, LINE_WIDTH)
     s, c = SPECTRUM.decay / source.duration, room.sound_speed
@@ -81,29 +86,29 @@ def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, pro
 
 
 def require_affordable(source: Source, sensing: Sensing, microphones: int) -> None:
-    """Raise InputError for a duration that does not resolve the lines, or a spectrum of too many values."""
+    """Raise InputError for a duration that does not resolve the lines, or that needs a spectrum of too many values."""
     require_duration(source.duration, sensing.resolution, LINE_WIDTH)
     band = sensing.highest - sensing.lowest
     values = microphones * band * source.duration * POINTS / LINE_WIDTH
     if values > LIMITS.field_values:
         longest = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
-        why = f"resolves {values:.3g} values of the spectrum from {sensing.lowest:g} Hz to {sensing.highest:g} Hz at"
+        why = f"needs {values:.3g} values of the spectrum from {sensing.lowest:g} Hz to {sensing.highest:g} Hz at"
         remedy = f"use at most {longest:.3g} s, a narrower band or fewer microphones"
         raise refusal("source.duration", source.duration, f"{why} {microphones} microphones", remedy, "s")
 
 
 def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: float = EXACT) -> np.ndarray:
-    """Return the pressures of a point source of unit strength, 1 / (4 pi d) at a small distance d : (M, N), 1/m.
+    """Return the pressures of a point source whose field is 1 / (4 pi d) at a small distance d : (M, N), 1/m.
 
-    `source` (3,), `positions` (N, 3), metres, or (2,) and (N, 2) in a rectangle, where p has no unit; `wavenumbers`
-    (M,) rad/m, with an imaginary part below zero unless the walls absorb; `nepers`: by how much the omitted terms have
-    decayed. InputError for a microphone at the source.
+    `source` is (3,) and `positions` (N, 3), metres; in a rectangle they are (2,) and (N, 2), and the pressures are
+    dimensionless. `wavenumbers` (M,), rad/m, have a negative imaginary part unless the walls absorb. Terms are omitted
+    once they have decayed by `nepers`. Raises InputError for a microphone too close to the source.
     """
     positions, source = np.asarray(positions, float), np.asarray(source, float)
     D = len(source)
     k = np.asarray(wavenumbers, complex)
     apart = np.abs(positions - source)
-    axes = apart.argmax(axis=1)  # the closed form is used along the axis of the greatest distance from the source
+    axes = apart.argmax(axis=1)  # the closed form is used along the axis with the largest distance from the source
     sides = positions[np.arange(len(positions)), axes] < source[axes]
     p = np.empty((len(k), len(positions)), complex)
     for axis, side in itertools.product(range(D), (False, True)):
@@ -112,7 +117,7 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
             continue
         order = [(axis + 1 + i) % D for i in range(D)]
         lengths = np.array(room.size)[order]
-        # The numbers (T,) of the eigenfunctions, along all axes but the last, whose gamma is below `reach`, 1/m.
+        # The numbers (T,), along all axes but the last, of the eigenfunctions whose gamma is below `reach`, 1/m.
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
         counts = math.hypot(reach, float(np.abs(k).max())) * lengths[:-1] / np.pi
         if np.prod(counts + 1) > MAX_TERMS:
@@ -130,7 +135,7 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
 
 
 def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndarray:
-    """Return the field at some wavenumbers, the closed form along the last axis : (M, N) complex128."""
+    """Return the field at some wavenumbers, with the closed form along the last axis : (M, N) complex128."""
     squares, shapes = 0.0, 1.0
     for axis, numbers in enumerate(terms):
         x = np.append(positions[:, axis], source[axis])
@@ -148,10 +153,10 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
 
 
 def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return kappa (B, count), rad/m, and the eigenfunctions, of unit mean square integral, at x : (B, count, len(x)).
+    """Return kappa (B, count), rad/m, and the normalised eigenfunctions at x (X,), metres : (B, count, X).
 
-    B is len(k) for absorbing walls, else 1. About the middle of the axis the eigenfunctions are alternately even
-    (cosines) and odd (sines).
+    B is len(k) for absorbing walls, else 1. The integral of the square of each function is 1. About the middle of the
+    axis the eigenfunctions are alternately even (cosines) and odd (sines).
     """
     n = np.arange(count)
     kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]
@@ -160,7 +165,7 @@ def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.nda
         steps = max(1, math.ceil(STEPS * float(np.abs(h).max()) * length))
         kappa, residual = _wall_eigenvalues(count, length, h, min(steps, MAX_STEPS))
         exact = np.all(np.abs(residual) < 1e-10 * (np.abs(kappa) + np.abs(h)[:, None]))
-        distinct = np.all(np.abs(kappa[:, 2:] - kappa[:, :-2]) > 0.5 / length)  # two coincide if the admittance is high
+        distinct = np.all(np.abs(kappa[:, 2:] - kappa[:, :-2]) > 0.5 / length)  # at a high admittance two may coincide
         if steps > MAX_STEPS or not (exact and distinct):
             problem = f"room.admittance is too high for a sum over modes (|h| = {np.abs(h).max():.3g} 1/m)"
             raise InputError(problem, "use a lower one", key="room.admittance")
@@ -173,8 +178,8 @@ def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.nda
 def _wall_eigenvalues(count: int, length: float, h: Numbers, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return kappa between two walls of equal `h` (M,), 1/m, and the residuals of its equation : (M, count) complex128.
 
-    Even ones: kappa sin(kappa l / 2) = h cos(kappa l / 2); odd ones: kappa cos(kappa l / 2) = -h sin(kappa l / 2).
-    Newton's method starts at nearly rigid walls, from which h grows in `steps` steps.
+    Even eigenfunctions satisfy kappa sin(kappa l / 2) = h cos(kappa l / 2), odd ones kappa cos(kappa l / 2) =
+    -h sin(kappa l / 2). Newton's method starts at nearly rigid walls, and h grows to its value in `steps` steps.
     """
     n, h, half = np.arange(count), np.asarray(h)[:, None], length / 2
     odd, residual = n % 2 == 1, np.zeros((len(h), count), complex)
@@ -190,8 +195,8 @@ def _wall_eigenvalues(count: int, length: float, h: Numbers, steps: int) -> tupl
     return kappa, residual
 
 
-RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
-MAX_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and would fill the memory
+RESONANCE_WIDTH = 2.2  # width of a resonance at -3 dB, Hz, times T60, s
+MAX_FREQUENCIES = 1_000_000  # in a band; a larger number would be a mistake and fill the memory
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:
@@ -199,7 +204,7 @@ def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_spee
 
     size : (2,) or (3,), metres; sound_speed : m/s
 
-    It is Weyl's law for rigid walls, with the terms of the walls and the edges.
+    The formula is Weyl's law for rigid walls, including the terms for the walls and the edges.
     """
     ratio = np.asarray(frequencies, float) / sound_speed
     if len(size) == 2:
@@ -212,9 +217,10 @@ def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_spee
 def independent_frequencies(
     low: float, high: float, reverberation_time: float, sound_speed: float, size: Sequence[float] | None = None
 ):
-    """Return frequencies, Hz, from `low` to `high`, that a source in the room excites independently : (M,), ascending.
+    """Return frequencies from `low` to `high` at which the pressures in a room are independent : (M,), Hz, ascending.
 
-    `size`: lengths of the room, metres; without it resonances are assumed to overlap everywhere.
+    `reverberation_time` is T60, seconds. `size` holds the lengths of the room, metres; without it resonances are
+    assumed to overlap everywhere. Raises InputError for more than MAX_FREQUENCIES of them.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH

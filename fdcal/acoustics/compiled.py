@@ -1,10 +1,11 @@
 """Compilation to machine code, threads on all cores, and deadlines.
 
-numba stores machine code beside the source, or in the user's cache folder if the source is read-only. A read-only
-installation stores it under FDCAL_CACHE if that is set. If no folder can be written to, every run compiles again.
+numba stores machine code beside the source. If the folder of the source is read-only, it stores the code under
+FDCAL_CACHE if that is set, otherwise in the user's cache folder. If no folder can be written to, every run compiles
+again.
 
-The functions of a calibration are not compiled, since its first run would wait for the compiler, and every run for
-numba to load.
+The functions that a calibration calls are not compiled: its first run would have to wait for the compiler, and every
+run would have to wait until numba is loaded.
 """
 
 import functools
@@ -19,20 +20,21 @@ from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 Item = TypeVar("Item")
-Found = TypeVar("Found")
+Result = TypeVar("Result")
 
 
-def compiled(function: Callable[P, Found], **options: Any) -> Callable[P, Found]:
-    """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
+def compiled(function: Callable[P, Result], **options: Any) -> Callable[P, Result]:
+    """Decorate a function so that its first call with each combination of argument types compiles it.
 
-    It runs without the interpreter's lock; `options`: of `numba.njit`. For numba a read-only array is of another type
-    than a writable one.
+    The machine code is cached on disk. The compiled function releases the interpreter's lock. `options` are keyword
+    arguments of `numba.njit`. Read-only and writable arrays are different types for numba, so that each of the two
+    causes a compilation.
     """
     import numba
     from numba.core import config
 
-    elsewhere = getattr(config, "CACHE_DIR", "") or os.access(Path(__file__).parent, os.W_OK)
-    if "FDCAL_CACHE" in os.environ and not elsewhere:
+    has_folder = getattr(config, "CACHE_DIR", "") or os.access(Path(__file__).parent, os.W_OK)
+    if "FDCAL_CACHE" in os.environ and not has_folder:
         config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")  # pyright: ignore[reportAttributeAccessIssue]
     options = {"nogil": True, "error_model": "numpy", **options}
     try:
@@ -56,17 +58,17 @@ def shut_down_threads() -> None:
     pool.shutdown()
 
 
-def parallel_map(function: Callable[[Item], Found], items: Iterable[Item], worth: bool = True) -> Iterator[Found]:
-    """Return an iterator over the values of a function for all items, in their order, computed on all cores.
+def parallel_map(function: Callable[[Item], Result], items: Iterable[Item], worth: bool = True) -> Iterator[Result]:
+    """Return an iterator over the values of a function for all items, in their order, computed by up to 4 threads.
 
-    The function must not call `parallel_map`, which would be a deadlock. `worth` is false for so little work that one
-    core is faster.
+    The function must not call `parallel_map`, because that could deadlock. Pass `worth=False` if there is so little
+    work that one thread is faster.
     """
     items = list(items)
-    runs = [partial(copy_context().run, function, item) for item in items]  # with the deadline of this thread
+    runs = [partial(copy_context().run, function, item) for item in items]  # the context holds this thread's deadline
     try:
         return _pool().map(lambda run: run(), runs) if worth else map(function, items)
-    except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
+    except RuntimeError:  # the interpreter is exiting, and the pool accepts no more work
         return map(function, items)
 
 
@@ -81,7 +83,7 @@ class OutOfTime(Exception):
 def deadline(end: float, clock: Callable[[], float]) -> Generator[None]:
     """Make `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`.
 
-    A deadline applies to the thread that sets it, and to those of `parallel_map` that work for it.
+    The deadline applies to the thread that sets it, and to the threads of `parallel_map` that work for this thread.
     """
     token = _time_is_up.set(lambda: clock() > end)
     try:

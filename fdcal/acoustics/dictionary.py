@@ -9,17 +9,18 @@ R               radius of the expansion, metres
 r, theta, phi   coordinates of a microphone about the centre of the expansion; in space theta is from the z axis
 Y_lm            orthonormal over the sphere, with the sign of Condon and Shortley
 
-With sqrt(4 pi), W W^H tends to sin(k d) / (k d) for real k as L grows, whatever the centre (the addition theorem): the
-covariance of a diffuse field of unit power. That of a complex k depends on the centre.
+Because of the factor sqrt(4 pi), W W^H for real k tends to sin(k d) / (k d) as L grows, d being the distance of two
+microphones: this is the covariance of a diffuse field of unit power. The limit does not depend on the centre (addition
+theorem); for complex k it does.
 
-Microphones in a plane measure a field of three dimensions, too. On the plane through the centre the functions with
-l + m odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions with two coordinates are
-taken to lie in that plane.
+Microphones in a plane can also measure a field of three dimensions. In the plane through the centre the functions with
+l + m odd are zero, and the (L + 1)(L + 2) / 2 functions with l + m even remain. Positions with two coordinates are
+assumed to lie in that plane.
 
-The module also computes W of every candidate of a search lattice, and some functions faster than NumPy and SciPy do.
-The recurrences of the Bessel functions run downward, from orders beyond the argument where the functions are negligible
-(Miller); an upward recurrence loses all digits. Sine and cosine are computed from the tangent or the exponential,
-because NumPy computes these for many values at once, up to 15 times as fast.
+The module also computes W for every candidate of a search lattice, and some functions faster than NumPy and SciPy. The
+recurrences of the Bessel functions run downward (Miller's algorithm), from an order beyond the argument, where the
+functions are negligible; an upward recurrence would lose all digits. Sine and cosine are computed from the tangent or
+the exponential, because NumPy has vectorised loops for these, which are up to 15 times as fast.
 """
 
 import functools
@@ -37,8 +38,8 @@ NO_EXTENT = 1e-9  # metres: in an array of this radius all microphones are at on
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
     """Return the order L = ceil(Re(k) R) + offset of the expansion (Eq. 3); k in rad/m, R in metres.
 
-    With the paper's offset of 0 the truncation error in the low modes exceeds the effect of moving a microphone by a
-    centimetre; an offset of 2 avoids that.
+    With the paper's offset of 0, the truncation error in the low modes is larger than the effect of moving a microphone
+    by a centimetre. An offset of 2 avoids that.
     """
     return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
 
@@ -46,11 +47,12 @@ def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) ->
 def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, planar: bool = False) -> float:
     """Return the highest frequency that an array can interpolate (Eq. 9).
 
-    It is that of the order L = k R at which the functions are as many as the microphones: 2 L + 1 = N in a plane,
-    that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for a plane in space.
+    At this frequency the expansion of order L = k R has as many functions as there are microphones: 2 L + 1 = N in a
+    plane, that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for an array in a plane
+    in space (`planar`).
 
-    `count`: N; `radius`: R, metres; `sound_speed`: c, m/s. Infinite for a radius below 1 nm, as of microphones that all
-    start at one position. Returns Hz.
+    `count` is N, `radius` R, metres, `sound_speed` c, m/s. The result is in Hz; it is infinite for a radius below 1 nm,
+    which occurs when all microphones start at one position.
     """
     if radius < NO_EXTENT:
         return float("inf")
@@ -62,7 +64,7 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
 
 
 def array_f_max(positions: Reals, sound_speed: float, dimension: int) -> float:
-    """Return `f_max`, Hz, of an array (N, D), metres, R being its largest distance from the centre of mass."""
+    """Return `f_max`, Hz, of an array (N, D), metres, with R the largest distance of a microphone from the centroid."""
     positions = np.asarray(positions, float)
     radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     return f_max(len(positions), radius, sound_speed, dimension, positions.shape[1] < dimension)
@@ -106,10 +108,12 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
 def harmonics(offsets: Reals, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return degree l (K,) of every column, distance from the centre (N,) and Y_lm (N, K); columns as in `degrees`.
 
-    `offsets` from the centre (N, 3), or (N, 2) in a plane through it.
+    `offsets` (N, 3), or (N, 2) in a plane through the centre, are relative to the centre, in any unit, which is also
+    that of the distance.
     """
     l, m = degrees(order, offsets.shape[1] == 2)  # noqa: E741
-    x, y, height = *offsets.T[:2], offsets[:, 2] if offsets.shape[1] == 3 else np.zeros(len(offsets))
+    x, y = offsets.T[:2]
+    height = offsets[:, 2] if offsets.shape[1] == 3 else np.zeros(len(offsets))
     across = np.hypot(x, y)
     Y = sph_harm_y_all(order, order, np.arctan2(across, height), np.arctan2(y, x))  # (L + 1, 2L + 1, N), m = -1 last
     return l, np.hypot(across, height), Y[l, m].T
@@ -131,23 +135,24 @@ def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike
     return functions(np.asarray(points, float), complex(wavenumber), order, centre)
 
 
-SMALL_BESSEL = 0.2  # below it the power series is used: the recurrence would overflow within a few orders
-SPARE = 24  # orders beyond the argument and the highest order wanted, at which the recurrence begins
-FIRST, LARGE = 1e-290, 1e250  # first value of the recurrence, and the value beyond which it is scaled down
-INTERVAL = 8  # orders between two checks of the size of the values
+SMALL_BESSEL = 0.2  # argument below which the power series is used; the recurrence would overflow in a few orders
+SPARE = 24  # the recurrence begins this many orders above the sum of the argument and the highest order wanted
+FIRST, LARGE = 1e-290, 1e250  # first value of the recurrence, and the value beyond which all are scaled down
+INTERVAL = 8  # orders between two checks for large values
 
 
 def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
-    """Return J_0 to J_top of every argument, or the spherical j_0 to j_top : (top + 1, ...), of the type of `z`.
+    """Return J_0 to J_top of every argument, or the spherical j_0 to j_top : (top + 1, ...), of the dtype of `z`.
 
-    J_l is normalised by J_0 + 2 (J_2 + J_4 + ...) = 1, the spherical j_l by j_0 or j_1, whichever is larger.
+    The recurrence yields the functions up to a factor. It follows for J_l from J_0 + 2 (J_2 + J_4 + ...) = 1, and for
+    the spherical j_l from the closed form of j_0 or j_1, whichever is larger.
     """
     z, odd = np.asarray(z), int(spherical)
     size = np.abs(z)
     small = size < SMALL_BESSEL
-    apart, start = np.where(small, 1.0, z), top + int(size.max(initial=0.0)) + SPARE
-    # f is the function times an unknown factor for each argument: f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
-    f, inverse = np.empty((start + 1, *z.shape), apart.dtype), 1.0 / apart
+    safe, start = np.where(small, 1.0, z), top + int(size.max(initial=0.0)) + SPARE  # 1 replaces small arguments
+    # f is the function times an unknown factor for each argument, with f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
+    f, inverse = np.empty((start + 1, *z.shape), safe.dtype), 1.0 / safe
     f[start] = FIRST
     np.multiply(inverse, (2 * start + odd) * FIRST, out=f[start - 1])
     for l in range(start - 1, 0, -1):  # noqa: E741
@@ -159,13 +164,14 @@ def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
             if large.any():
                 f[l - 1 :] *= np.where(large, 1 / LARGE, 1.0)
     if spherical:
-        zero = np.sin(apart) / apart
-        one = (zero - np.cos(apart)) / apart
+        zero = np.sin(safe) / safe
+        one = (zero - np.cos(safe)) / safe
         f[: top + 1] *= np.where(np.abs(zero) > np.abs(one), zero / f[0], one / f[1])
     else:
         f[: top + 1] /= f[0] + 2 * f[2::2].sum(axis=0)
-    # The first terms of the power series for small arguments.
-    half, l = z[small] / 2, np.arange(top + 1)[:, None] + odd / 2  # noqa: E741
+    # For small arguments, the first terms of the power series.
+    half = z[small] / 2
+    l = np.arange(top + 1)[:, None] + odd / 2  # noqa: E741
     lead = np.ones((top + 1, len(half)), z.dtype)
     np.cumprod(half / l[1:], axis=0, out=lead[1:])
     term, total, square = np.ones_like(lead), np.ones_like(lead), half * half
@@ -176,11 +182,11 @@ def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
     return f[: top + 1]
 
 
-SMALL_SINC = 0.02  # below it the derivative is computed by its series; the error is below 1e-12 on both sides
+SMALL_SINC = 0.02  # argument below which the power series is used; the error is below 1e-12 on both sides
 
 
 def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
-    """Return the cosine and the sine of a float64 array, which is overwritten."""
+    """Return the cosine and the sine of a float64 array `z`, radians, of any shape; `z` is overwritten."""
     sine = np.multiply(z, 0.5, out=z)
     np.tan(sine, out=sine)
     cosine = sine * sine
@@ -192,14 +198,14 @@ def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative divided by z, for z >= 0."""
+    """Return sin(z) / z and its derivative divided by z, for real z >= 0 of any shape : float64."""
     z = np.asarray(z, float)
     half = np.tan(z / 2)
     weight = 2 / (1 + half * half)
     small = z < SMALL_SINC
-    apart = np.where(small, 1.0, z)
-    kappa = half * weight / apart
-    slope = (weight - 1 - kappa) / (apart * apart)
+    safe = np.where(small, 1.0, z)
+    kappa = half * weight / safe
+    slope = (weight - 1 - kappa) / (safe * safe)
     if small.any():
         square = z[small] ** 2
         kappa[small] = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
@@ -208,7 +214,10 @@ def sinc(z: Reals) -> tuple[np.ndarray, np.ndarray]:
 
 
 def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
-    """Return sin(z) / z and its derivative divided by z, from z^2, complex: both are entire functions of z^2."""
+    """Return sin(z) / z and its derivative divided by z, given complex z^2 of any shape : complex128.
+
+    Both are entire functions of z^2, so that the sign of z has no effect.
+    """
     w = np.asarray(square, complex)
     small = np.abs(w) < SMALL_SINC**2
     w = np.where(small, 1.0, w)
@@ -229,17 +238,18 @@ def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
     return kappa, slope
 
 
-SPARE_ORDERS = 8  # orders above those in use at which the recurrence starts, for results exact to rounding
+SPARE_ORDERS = 8  # orders computed in addition to those in use, for results exact to rounding errors
 
 
 class LatticeDictionary:
     """The dictionary of every candidate of a search lattice, from one table of radial functions.
 
-    Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
-    squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
+    Every `centre` below is a point of the lattice. The offsets of all candidates are therefore whole multiples of the
+    step, and the squares of their lengths in steps are integers. J_l is only needed at a few thousand radii, which are
+    the same for all centres.
 
-    `points` (C, 2), candidates, metres, x fastest; `shape`: (ny, nx); `row` (d2max + 1,), row of the table for each
-    squared offset in steps, else -1.
+    `points` (C, 2) float64 are the candidates, metres, x fastest; `shape` is (ny, nx). `row` (d2max + 1,) int32 is the
+    row of the table for each squared offset in steps, or -1 if no candidate has this offset.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
@@ -258,9 +268,10 @@ class LatticeDictionary:
         self._made = np.zeros(len(self.orders), bool)
 
     def radial(self, modes: slice) -> np.ndarray:
-        """Return the table of some modes (M, U, Lmax + 1), J_l at U radii, zero above the order of the mode.
+        """Return J_l of some modes at the U radii : (M, U, Lmax + 1) complex128, zero above the order of the mode.
 
-        The table of a mode is made when it is first used: a solver begins with few modes, and all take a second.
+        The table of a mode is computed at its first use, because a solver begins with few modes, and the tables of all
+        modes take a second.
         """
         for m in range(len(self.orders))[modes]:
             if not self._made[m]:
@@ -275,9 +286,9 @@ class LatticeDictionary:
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
-        """Return exp(j theta) (C,) complex128 and the row of the table (C,) int32 of every candidate about `centre`."""
+        """Return exp(j theta) (C,) complex128 and the table's row (C,) int32 for every candidate about `centre`."""
         index = tuple(self.search.index(centre).tolist())
-        cached, phases = self._phases  # the centre rarely moves from step to step
+        cached, phases = self._phases  # those of the last centre, because the centre rarely moves from step to step
         if cached != index:
             offset = self.steps - index
             squared = np.sum(offset**2, axis=1)
@@ -288,7 +299,7 @@ class LatticeDictionary:
         return phases
 
     def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
-        """Return W (N, 2L + 1) of positions (N, 2), metres, on the lattice or off it, for each of `modes`."""
+        """Return W (N, 2L + 1) of each of `modes` for any positions (N, 2), metres, on the lattice or not."""
         x, y = (np.asarray(positions) - centre).T
         distance, angle, modes = np.hypot(x, y), np.arctan2(y, x), np.asarray(modes)
         W: dict[int, np.ndarray] = {}

@@ -1,6 +1,6 @@
 """Sound in a room of any outline: the 2-D wave equation on a grid, by the leapfrog scheme (paper, section 5).
 
-    p       pressure at a cell centre; p_old, p, p_new at three successive steps
+    p       pressure at a cell centre; p_old, p and p_new are its values at three successive time steps
     lam     Courant number c / (fs h), at most 1 / sqrt(2)
     h, fs   cell size in metres, sampling rate in hertz
 
@@ -8,12 +8,13 @@ One equation holds for every cell,
 
     p_new = (2 p - (1 - b) p_old + lam^2 (sum of the neighbours inside - K p)) / (1 + b),
 
-and two numbers per cell describe the walls at its faces. No flux passes a rigid face: K counts the neighbours inside. A
-pressure-release face mirrors the pressure with its sign changed, so that it is zero on the face, which adds 2 to K. An
-absorbing face of specific admittance beta satisfies dp/dn = -(beta / c) dp/dt, the derivative in time centred on the
-step: b = lam beta / 2 for each such face. Walls lie on cell faces, cell centres at (i + 0.5) h.
+in which two coefficients per cell, K and b, describe the walls at its faces. K is the number of neighbours inside the
+room, so that no flux passes through a rigid face. At a pressure-release face the pressure is mirrored with opposite
+sign, so that it is zero on the face; this adds 2 to K. An absorbing face of specific admittance beta satisfies
+dp/dn = -(beta / c) dp/dt. With a central difference for the time derivative, each such face adds lam beta / 2 to b.
+Walls lie on cell faces; cell centres lie at (i + 0.5) h.
 
-`fdcal.acoustics.fdtd_kernels` has the compiled loops.
+The compiled loops are in `fdcal.acoustics.fdtd_kernels`.
 """
 
 from __future__ import annotations
@@ -33,28 +34,28 @@ if TYPE_CHECKING:
     from .fdtd_kernels import StencilTables
 
 
-ALIGNMENT = 8  # cells of a cache line: rows are stored in a whole number of them
-FACE_TOLERANCE = 1e-6  # of a cell: a wall this close to a cell face lies on it
-ON_AXIS = 1e-9  # metres: a wall whose ends differ less in a coordinate is parallel to an axis
+ALIGNMENT = 8  # cells per cache line; each row is padded to a whole number of cache lines
+FACE_TOLERANCE = 1e-6  # in cells; a wall that is closer than this to a cell face counts as lying on it
+ON_AXIS = 1e-9  # metres; a wall is parallel to an axis if its ends differ by less than this in one coordinate
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The coefficients of every cell."""
+    """The coefficients of the scheme for every cell."""
 
-    mask: np.ndarray  # (ny, nx) bool, cells inside the room; row j is at y = (j + 0.5) h
+    mask: np.ndarray  # (ny, nx) bool, true for cells inside the room; row j is at y = (j + 0.5) h
     courant: float  # lam, dimensionless
     stiffness: np.ndarray  # (ny, nx) float64, K, dimensionless
-    loss: np.ndarray  # (ny, nx) float64 b, dimensionless.
+    loss: np.ndarray  # (ny, nx) float64, b, dimensionless
 
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
     """Return the coefficients of the scheme for the cells whose centres are inside the room.
 
-    InputError above the stability limit, in three dimensions, for a room in several pieces or with a coordinate below
-    0, and unless walls parallel to an axis lie on cell faces.
+    Raises InputError if the Courant number exceeds the stability limit, if the room has three dimensions, consists of
+    several pieces or has a negative coordinate, or if a wall that is parallel to an axis does not lie on cell faces.
     """
-    from scipy.ndimage import label  # takes half a second to load, which reading a cached simulation does not need
+    from scipy.ndimage import label  # imported here: it loads in 0.5 s, and a cached simulation does not need it
 
     h, corners, key = room.cell_size, room.vertices, "room.size" if room.size else "room.outline"
     courant = room.sound_speed / (sample_rate * h)
@@ -89,13 +90,16 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
 
 
 def neighbour_sum(p: np.ndarray) -> np.ndarray:
-    """Return the sum over the four neighbours of every cell, zero beyond the edge : (ny, nx) float64."""
+    """Return the sum of p over the four neighbours of every cell, with p = 0 beyond the edge : (ny, nx) float64."""
     q = np.pad(p, 1)
     return q[1:-1, :-2] + q[1:-1, 2:] + q[:-2, 1:-1] + q[2:, 1:-1]
 
 
 def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
-    """Return row and column (N, 2) of the cells that contain points (N, 2), metres; `name`: of a point, in messages."""
+    """Return row and column (N, 2) of the cells that contain points (N, 2), metres.
+
+    Raises InputError for a point outside the room; the message calls the point `name`.
+    """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = np.floor(points[:, ::-1] / cell + 1e-9).astype(np.int64)
     fits = np.all((cells >= 0) & (cells < grid.mask.shape), axis=1)
@@ -108,19 +112,20 @@ def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
 
 
 def padded_width(grid: Grid) -> int:
-    """Return the number of cells in a stored row: the room and a border on either side, in whole cache lines."""
+    """Return the number of cells in a stored row: the room and one border cell on either side, in whole cache lines."""
     return -(-(grid.mask.shape[1] + 2) // ALIGNMENT) * ALIGNMENT
 
 
 def padded(values: np.ndarray, width: int) -> np.ndarray:
-    """Return a (ny, nx) array in a border of zeros : (ny + 2, width)."""
+    """Return a (ny, nx) array surrounded by a border of zeros : (ny + 2, width)."""
     return np.pad(values, ((1, 1), (1, width - values.shape[1] - 1)))
 
 
 def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
     """Return the grid as the compiled loops use it, row by row with a border of one cell.
 
-    `source`: its cell, (row, column), and the pulse (P,); `receivers`: their cells (N, 2), and the recordings (N, T).
+    `source` holds the cell of the source, (row, column), and the pulse (P,). `receivers` holds the cells of the
+    receivers (N, 2) and the recordings (N, T), which the loops fill.
     """
     from .fdtd_kernels import StencilTables
 
@@ -160,23 +165,24 @@ def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
 Progress = Callable[[float], None]
 
 REPORTS = 50  # number of calls of `progress` in a run
-CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C: a few hundredths of a second
-MAX_SAMPLES = 500_000_000  # largest number of samples of all recordings together, 4 GB
-TAPS = 3.3  # length of a Hamming-windowed filter times its transition width over fs
+CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C; they take a few hundredths of a second
+MAX_SAMPLES = 500_000_000  # largest number of samples in all recordings together; they occupy 4 GB
+TAPS = 3.3  # length of a Hamming-windowed filter in samples, times its transition width over fs
 
 
 def pulse_length(source: Source) -> int:
-    """Return the length of the pulse in samples, which is checked before a pulse is built that fills the memory."""
+    """Return the length of the pulse in samples, without building the pulse, which might fill the memory."""
     return 2 * math.ceil(0.5 * TAPS * source.band.sample_rate / source.band.low) + 1
 
 
 def pulse(source: Source) -> np.ndarray:
-    """Return a zero-mean pulse, flat from `source.low` to `source.high`, that starts and ends in silence.
+    """Return a zero-mean pulse of finite length whose spectrum is flat from `source.low` to `source.high` : (P,).
 
-    A linear-phase band-pass whose gain falls to zero within `source.low` hertz on either side of the band. The mean,
-    small already, is removed exactly: in a rigid room it would never decay, and might grow.
+    It is the impulse response of a linear-phase band-pass filter whose gain falls to zero within `source.low` hertz on
+    either side of the band. The mean is small already, and is removed exactly, because in a rigid room it would never
+    decay and rounding errors might make it grow.
     """
-    from scipy.signal import firwin, get_window  # takes a second to load, which a cached simulation does not need
+    from scipy.signal import firwin, get_window  # imported here: it loads in 1 s; a cached simulation does not need it
 
     low, high, fs = source.band
     taps = pulse_length(source)
@@ -191,7 +197,8 @@ def pulse(source: Source) -> np.ndarray:
 def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progress | None = None) -> np.ndarray:
     """Return the recordings of the source's pulse in the cells of the receivers (N, 2), metres : (N, T), any unit.
 
-    `progress`: called with the fraction done, some 50 times; an exception that it raises ends the run.
+    `progress` is called about 50 times with the fraction done; an exception that it raises ends the run. Raises
+    InputError for a duration that is too long or shorter than the pulse, and as `make_grid` and `cells_at` do.
     """
     fs = source.band.sample_rate
     grid = make_grid(room, fs)
@@ -211,7 +218,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
 
 
 def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Take `steps` steps without a source; return the last two fields (ny, nx), any unit, the newer one last."""
+    """Return the last two fields (ny, nx), any unit, the newer one last, after `steps` time steps without a source."""
     state = np.stack([padded(field * grid.mask, padded_width(grid)) for field in (p, p_old)])
     _run(grid, state, steps, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))), None)
     fields = state[:, 1:-1, 1 : grid.mask.shape[1] + 1]
@@ -219,8 +226,11 @@ def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[n
 
 
 def _run(grid: Grid, state: np.ndarray, steps: int, source, receivers, progress: Progress | None) -> None:
-    """Advance `state` (2, ny + 2, width), [0] the newest, in chunks, to respond to Ctrl-C and call `progress`."""
-    from .fdtd_kernels import march  # loads the compiler, which reading a scene does not need
+    """Advance `state` (2, ny + 2, width), whose first field is the newest, in place.
+
+    It is advanced in chunks, between which Ctrl-C takes effect and `progress` is called.
+    """
+    from .fdtd_kernels import march  # imported here: it loads the compiler, which reading a scene does not need
 
     tables = stencil_tables(grid, source, receivers)
     chunk = max(1, min(-(-steps // REPORTS), CHUNK // grid.mask.size))

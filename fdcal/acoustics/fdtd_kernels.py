@@ -1,13 +1,13 @@
-"""The compiled inner loops of the wave equation on a grid; `fdcal.acoustics.fdtd` says what they compute.
+"""The compiled inner loops of the wave equation on a grid; `fdcal.acoustics.fdtd` states the scheme.
 
-    sweep         several steps of a strip of rows: spans, wall cells, source, microphones
-    march         many steps of the grid, its strips distributed over the threads
+    sweep         advances a strip of rows by several steps: spans, wall cells, source, microphones
+    march         advances the whole grid by many steps, with its strips distributed over threads
 
 Steps are taken in blocks of BLOCK (split tiling in time). Each thread advances its strip of rows by the whole block. At
-every border with another strip it advances one row less in each step than in the step before, and the triangles that
-are left out are filled in afterwards. So the threads synchronise twice a block instead of once a step, and other load
-on the machine delays them little. Within a strip the rows are visited as a wave front of DEPTH steps. Both orders
-compute the same numbers as one step after another.
+every border with another strip it advances one row fewer in each step than in the step before; the triangles in space
+and time that are left out are filled in afterwards. The threads thus synchronise twice per block instead of once per
+step, so that other load on the machine delays them little. Within a strip the rows are visited as a wave front that is
+DEPTH steps deep. Both changes of the order yield exactly the numbers of a computation step by step.
 """
 
 import functools
@@ -18,19 +18,20 @@ import numpy as np
 
 from .compiled import MAX_THREADS, compiled, parallel_map
 
-BLOCK = 32  # steps between two synchronisations of the threads
-DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
+BLOCK = 32  # steps in a block
+DEPTH = 3  # steps in a wave front; the 5 rows of 2 arrays that it needs fit in the first-level cache
 
 
-@functools.partial(compiled, fastmath={"contract"})  # a multiplication and an addition may be fused
+@functools.partial(compiled, fastmath={"contract"})  # allows a fused multiplication and addition
 def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
           wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
           recordings):  # fmt: skip
-    """Advance the rows low + low_slope t to high + high_slope t (without the last) at t = 0 ... steps - 1.
+    """Advance the rows from low + low_slope t up to, but without, high + high_slope t, for t = 0 ... steps - 1.
 
-    The other arguments are those of `StencilTables`. This is one function, because passing arrays to another one
-    changes their reference counts at every row, which takes as long as the computation of the row. Unsigned indices
-    need no test for negative ones.
+    `state` is the flattened state of `march`, and `step` the number of the first step; the arguments from `width` on
+    are those of `StencilTables`. The loops stand in one function, because a call with arrays would change their
+    reference counts at every row, which takes as long as computing the row. Unsigned indices save the test for negative
+    ones.
     """
     half, wide, one, centre = state.size // 2, np.uint64(width), np.uint64(1), 2 - 4 * lam2
     for group in range(0, steps, DEPTH):
@@ -39,7 +40,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
         last_front = high + max(high_slope * group, high_slope * last) + last - group
         for front in range(first_front, last_front):
             for t in range(group, last + 1):
-                row = front - (t - group)  # one row behind the step before, whose result it needs
+                row = front - (t - group)  # one row behind the step before, because it needs the result of that step
                 if row < low + low_slope * t or row >= high + high_slope * t:
                     continue
                 time = step + t
@@ -64,24 +65,25 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
 
 
 class StencilTables(NamedTuple):
-    """The grid as the compiled loops use it. Cells are numbered along the rows of one padded field."""
+    """The grid as the compiled loops use it. Cells are numbered row by row, in a field with its padding."""
 
     width: int  # cells of a padded row
     lam2: float  # lam^2
     spans: np.ndarray  # (rows + 1,) int64, first span of each row
-    # span_start, span_count: (S,) int64, spans: runs of cells with four inner neighbours
+    # span_start, span_count: (S,) int64, first cell and number of cells of each span, a run of cells of one row that
+    # have four neighbours inside the room
     span_start: np.ndarray
     span_count: np.ndarray
     walls: np.ndarray  # (rows + 1,) int64, first wall cell of each row
-    wall_cell: np.ndarray  # (W,) int64, the other cells inside
-    # wall_centre, wall_before, wall_around: (W,) float64, their coefficients of p, of p_old and of the sum of the
-    # neighbours
+    wall_cell: np.ndarray  # (W,) int64, the other cells inside the room
+    # wall_centre, wall_before, wall_around: (W,) float64, coefficients of p, of p_old and of the sum of the neighbours
+    # in each wall cell
     wall_centre: np.ndarray
     wall_before: np.ndarray
     wall_around: np.ndarray
     source: int  # cell of the source
-    pulse: np.ndarray  # (P,) float64, added to that cell, one sample a step
-    ends: np.ndarray  # (rows + 1,) int64, first microphone of each row
+    pulse: np.ndarray  # (P,) float64, added to that cell, one sample per step
+    ends: np.ndarray  # (rows + 1,) int64, first microphone of each row, counted in the order of `end_cell`
     # end_cell, end_number: (N,) int64, cells of the microphones, ascending, and their rows in `recordings`
     end_cell: np.ndarray
     end_number: np.ndarray
@@ -89,9 +91,10 @@ class StencilTables(NamedTuple):
 
 
 def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> None:
-    """Advance the grid from `step` to `stop`, with several threads if it is large enough.
+    """Advance the grid from `step` to `stop`, with several threads if the grid is large enough.
 
-    `state` (2, rows, width), the fields at even and at odd steps in a border of zeros, is changed in place.
+    `state` (2, rows, width) holds the fields at even and at odd steps, each with a border of zeros; it is changed in
+    place.
     """
     rows, flat = state.shape[1] - 2, state.reshape(-1)
     strips = min(MAX_THREADS, os.cpu_count() or 1, rows // (2 * BLOCK))
@@ -99,7 +102,8 @@ def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> Non
         sweep(flat, step, stop - step, 1, rows + 1, 0, 0, *tables)
         return
     borders = [1 + rows * strip // strips for strip in range(strips + 1)]
-    # first and last row, and by how many rows a step these move: of each strip, and of the triangle at each border
+    # For each strip, then for the triangle at each border: the first row, the row after the last, and how many rows
+    # each of these two limits moves per step.
     narrowing = [(borders[i], borders[i + 1], min(1, i), -min(1, strips - 1 - i)) for i in range(strips)]
     widening = [(border, border, -1, 1) for border in borders[1:-1]]
     for start in range(step, stop, BLOCK):

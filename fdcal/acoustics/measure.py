@@ -19,12 +19,12 @@ from ..model.settings import DEAD_FRACTION, Faults
 from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
 
-if TYPE_CHECKING:  # loads the signal library, which reading a measurement does not need
+if TYPE_CHECKING:  # at run time it would load scipy.fft, which reading a measurement does not need
     from .spectrum import ModalPressures
 
 
 def require_measurable(scene: Scene) -> None:
-    """Raise InputError for a duration of the recording or a band that cannot be simulated."""
+    """Raise InputError if the scene's duration or frequency band cannot be simulated."""
     if scene.room.response is not None:
         from .plane_waves import load_sdm_response, require_rendered
 
@@ -44,14 +44,15 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, c
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
     `recordings` (N, T) are simulated unless they are given; a room of three dimensions has none. `progress` is called
-    with the fraction done; `cached`: whether simulated recordings are stored in the cache. The wavenumbers are complex
-    if the room rings to the end of the recording (see `fdcal.acoustics.spectrum`).
+    with the fraction done. `cached` states whether simulated recordings are stored in the cache. The wavenumbers are
+    complex if the sound lasts to the end of the recording (see `fdcal.acoustics.spectrum`). Raises InputError for a
+    scene that cannot be simulated, or for recordings of a scene whose source has several positions.
     """
     if scene.source is not None and scene.source.positions:
-        positions_of(scene)  # its message has the number of an impossible position of the source
+        positions_of(scene)  # its error message numbers an impossible source position among all of them
     takes, fields = scene.takes(), []
     if recordings is not None and len(takes) > 1:
-        problem = f"the source has {len(takes)} positions, and the recordings are of one"
+        problem = f"the source has {len(takes)} positions, but the recordings belong to one"
         raise InputError(problem, "measure each of scene.takes()", key="source.positions")
     for number, take in enumerate(takes):
         report = None
@@ -65,10 +66,10 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, c
 
 
 def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:
-    """Return the pressures at the modes that are picked, without noise and faults; parameters as of `measure`.
+    """Return the pressures at the modes that are picked, without noise and faults; parameters as in `measure`.
 
-    The source must have one position. The field depends on room, source, array and the picking of modes only, so that
-    several measurements may use the same field.
+    The source must have one position. The field only depends on the room, the source, the array and the rules for
+    picking modes, so that several measurements may use the same field.
     """
     require_measurable(scene)
     room, sensing = scene.room, scene.measurement
@@ -86,14 +87,14 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     if recordings is None:
         from .fdtd import simulate
 
-        recordings = simulate(scene.room, scene.emitter, positions_of(scene), progress)
-    fs, c, sensing = scene.emitter.band.sample_rate, scene.room.sound_speed, scene.measurement
+        recordings = simulate(room, scene.emitter, positions_of(scene), progress)
+    fs, c = scene.emitter.band.sample_rate, room.sound_speed
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
     k = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
-        k = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
+        k = spectrum.wavenumber_discrete(frequencies, s, c, room.cell_size, fs)
     pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
     points = np.stack([first + step * np.arange(len(power)), power])
     return spectrum.ModalPressures(frequencies, k, pressures, points)
@@ -140,37 +141,37 @@ def draw_measurement(
     sound_speed_error: float = 0.0,
     **described: Any,
 ) -> Measurement:
-    """Return what microphones measure of a sound field: with noise, gains and dead channels.
+    """Return the measurement of a sound field, with noise, gains and dead channels.
 
-    All noise is drawn here: that of scenes, of the studies of `fdcal_bench` and of benchmarks.
+    All simulated noise is drawn here: that of scenes, of the studies in `fdcal_bench` and of the benchmarks.
 
     Parameters
     ----------
     modes : ModalPressures
         The field without noise, M frequencies at N microphones.
     noise_power : (M,) float64
-        Mean square of the noise, in the unit of the pressures squared; independent at every microphone.
+        Mean square of the noise, in the squared unit of the pressures; the noise is independent at every microphone.
     rng : Generator
-        Of the noise.
-    gains : (N,) complex128, optional
-        Factors of the channels.
+        Source of the noise.
+    gains : (N,) complex128 or float, optional
+        Factor of each channel, dimensionless.
     dead : sequence of int, optional
-        Channels that record noise of their own instead, DEAD_FRACTION of the power of the field.
+        Channels that record independent noise instead of the field, with DEAD_FRACTION of the power of the field.
     dead_rng : Generator, optional
-        Of that noise; `rng` unless given.
+        Source of the noise in dead channels; `rng` unless given.
     sound_speed : float
-        The true one, m/s.
+        True sound speed, m/s.
     sound_speed_error : float, optional
-        Relative error of the sound speed and the wavenumbers that are reported.
+        Relative error of the sound speed and the wavenumbers in the measurement, dimensionless.
     **described
-        Further fields of `Measurement`.
+        Other fields of `Measurement`.
 
     Returns
     -------
     Measurement
     """
     clean, scale = modes.pressures, math.sqrt(0.5)
-    noise = rng.normal(scale=scale, size=(2, *clean.shape))  # of unit power, the same draw at any SNR
+    noise = rng.normal(scale=scale, size=(2, *clean.shape))  # of unit power, so that the draw is the same at any SNR
     recorded = clean * gains
     if dead := list(dead):
         own = (dead_rng or rng).normal(scale=scale, size=(2, len(clean), len(dead)))
@@ -188,7 +189,7 @@ def draw_measurement(
 
 
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
-    """Return the recordings (N, T) of a two-dimensional scene with one position of the source, cached."""
+    """Return the recordings (N, T) of a two-dimensional scene with one source position, from the cache if possible."""
     positions = positions_of(scene)
     key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
 
@@ -201,7 +202,11 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
-    """Return the result of `measure` for the scene, from the cache if known; a measured scene is read from its file."""
+    """Return the result of `measure` for the scene, from the cache if it is there, and store it there otherwise.
+
+    The measurement of a `MeasuredScene` is read from its file. Raises InputError as `measure` does, or for such a scene
+    without a file.
+    """
     if isinstance(scene, MeasuredScene):
         if not scene.file:
             raise InputError(f"{scene.name} is a measurement, which cannot be simulated", "open its file", key="scene")

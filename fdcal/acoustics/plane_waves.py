@@ -1,13 +1,13 @@
-"""The sound field of a measured room: the plane waves of an impulse response whose directions of arrival are known.
+"""The sound field of a measured room: a sum of plane waves, one for each sample of a directional impulse response.
 
-Sample n of the response is a plane wave that arrives from the direction u_n at the time t_n, so that
+Sample n of the response is taken as a plane wave that arrives from the direction u_n at the time t_n, so that
 
     p(x, f) = sum_n a_n exp(-j w (t_n - u_n . x / c)),        w = 2 pi f
 
-The response is measured, at the origin. The field elsewhere is modelled: it is this sum. It solves the Helmholtz
-equation exactly, whatever the response, and has no source anywhere near.
+The response was measured at the origin. Elsewhere the field is modelled by this sum, which solves the Helmholtz
+equation exactly for any response, and has no source inside the array.
 
-a_n, t_n, u_n    amplitude, time of arrival at the origin, s, and unit vector towards where wave n comes from
+a_n, t_n, u_n    amplitude of wave n, its time of arrival at the origin, s, and the unit vector towards its origin
 f, c             frequency, Hz; sound speed, m/s
 x                position, metres
 
@@ -34,9 +34,9 @@ from ..model.validation import InputError, convert, refusal, require_array, with
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
-DIRECT_SOUND = 0.1  # level at which the direct sound begins, as a fraction of the peak
-SEGMENTS = 20  # number of equal parts whose peaks are compared; also the least number of samples
-END_PEAK = 5.0  # largest ratio of the peak of the last part to the peak of the quietest part
+DIRECT_SOUND = 0.1  # the direct sound begins at the first sample above this fraction of the peak
+SEGMENTS = 20  # number of equal segments whose peaks are compared; also the smallest number of samples
+END_PEAK = 5.0  # largest ratio of the peak of the last segment to the peak of the quietest one
 MAX_SAMPLES = 1_000_000
 
 
@@ -44,14 +44,17 @@ MAX_SAMPLES = 1_000_000
 class SdmResponse:
     """Plane waves that arrive at the origin one after another."""
 
-    amplitudes: np.ndarray  # (T,) float64, pressure of each wave at the origin, any one unit
-    directions: np.ndarray  # (T, 3) float64, unit vectors towards where each wave comes from
+    amplitudes: np.ndarray  # (T,) float64, pressure of each wave at the origin, any unit common to all
+    directions: np.ndarray  # (T, 3) float64, unit vectors in the directions that the waves come from
     times: np.ndarray  # (T,) float64, when each wave arrives at the origin, s
     sample_rate: float  # Hz
 
 
 def load_sdm_response(path: str | Path) -> SdmResponse:
-    """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on."""
+    """Return the response in a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`, from the direct sound on.
+
+    Raises InputError for a missing or wrong array, a silent response, or one that wraps round.
+    """
     table = isolated_call(path, matlab_arrays, path)  # a damaged file can crash SciPy's compiled reader
     for key in KEYS:
         if key not in table:
@@ -67,8 +70,8 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     if not level.max() > 0:
         raise InputError(f"{path}: the response is silent", "measure it again", key="p")
     start = int(np.argmax(level >= DIRECT_SOUND * level.max()))
-    # The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
-    # are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
+    # The sound in a room decays. If the last segment is much louder than the quietest one after the direct sound, then
+    # a circular deconvolution has moved the beginning of the response to the end of the file.
     segments = min(SEGMENTS, len(pressure) - start)
     peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
     if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
@@ -81,15 +84,18 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     return SdmResponse(pressure[start:], directions[start:], times[start:], float(rate[0]))
 
 
-TAPS = 8  # samples of the interpolation of one wave
-MAX_FREQUENCY = 1 / 6  # of responses that are rendered, relative to the sampling rate
+TAPS = 8  # number of samples over which one wave is interpolated
+MAX_FREQUENCY = 1 / 6  # highest frequency that is used, relative to the sampling rate of the response
 POINTS = 6  # points of the spectrum per 1 / duration
 
 
 def plane_wave_pressures(
     response: SdmResponse, positions, frequencies, sound_speed: float, progress=None
 ) -> np.ndarray:
-    """Return the pressures of plane waves at (N, 3), metres from the origin of the response : (M, N) complex128."""
+    """Return the pressures of plane waves at the frequencies (M,), Hz : (M, N) complex128, unit of the response.
+
+    `positions` (N, 3), metres, are relative to the origin of the response; `sound_speed` is in m/s.
+    """
     lead = response.directions @ np.asarray(positions, float).T / sound_speed  # (T, N) s earlier than at the origin
     pressures = np.empty((len(frequencies), lead.shape[1]), complex)
     for m, f in enumerate(np.asarray(frequencies, float)):
@@ -106,9 +112,10 @@ def plane_wave_pressures(
 def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -> np.ndarray:
     """Return the impulse responses of a field of plane waves, sampled as the response is.
 
-    Each wave is delayed by Lagrange interpolation over TAPS samples: exact to 1e-6 up to a twentieth of the sampling
-    rate, to 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres from the origin of the response. All responses (N, S)
-    begin at the same sample, before the direct sound, and end with the last wave.
+    Each wave is delayed by Lagrange interpolation over TAPS samples, whose error is 1e-6 up to a twentieth of the
+    sampling rate and 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres, are relative to the origin of the response.
+    The result is (N, S) float64; all responses begin at the same sample, before the direct sound, and end with the last
+    wave.
     """
     fs, positions = response.sample_rate, np.asarray(positions, float)
     reach = math.ceil(float(np.linalg.norm(positions, axis=1).max()) / sound_speed * fs) + TAPS
@@ -127,7 +134,7 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
 
 
 def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
-    """Raise InputError for frequencies above those of the response, or closer than it resolves."""
+    """Raise InputError if the band exceeds that of the response, or if the response is too short for the resolution."""
     if sensing.highest > MAX_FREQUENCY * response.sample_rate:
         why = f"is too high for a response of {response.sample_rate:g} Hz"
         remedy = f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz"
@@ -142,9 +149,10 @@ def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
 def modal_pressures(
     response: SdmResponse, positions, sensing: Sensing, sound_speed: float, progress=None
 ) -> ModalPressures:
-    """Return the pressures of an array in a measured room, before noise, at (N, 3) metres from the response's origin.
+    """Return the pressures of an array in a measured room, without noise.
 
-    The wavenumbers are real: the response has decayed, so no exponential window is needed.
+    `positions` (N, 3), metres, are relative to the origin of the response. The wavenumbers are real: the response has
+    decayed at its end, so that no exponential window is needed.
     """
     rows = plane_wave_responses(response, positions, sound_speed)
     padded = fast_length(POINTS * rows.shape[1])
@@ -154,6 +162,5 @@ def modal_pressures(
     frequencies = pick_peaks(power, first * step, step, sensing.prominence_db, sensing.resolution)
     pressures = plane_wave_pressures(response, positions, frequencies, sound_speed, progress)
     grid = step * np.arange(first, last + 1)
-    return ModalPressures(
-        frequencies, wavenumber_continuous(frequencies, 0.0, sound_speed), pressures, np.stack([grid, power])
-    )
+    k = wavenumber_continuous(frequencies, 0.0, sound_speed)
+    return ModalPressures(frequencies, k, pressures, np.stack([grid, power]))

@@ -1,6 +1,7 @@
 """Eq. 7 of the paper (`eq7`), its landscape, and the Gaussian likelihood of the pressures (`likelihood`).
 
-Pure functions of positions and pressures, with compiled kernels behind them. True positions never enter.
+The costs are pure functions of positions and pressures; some of their loops are compiled. No function gets the true
+positions.
 
 May import: model and acoustics.
 """

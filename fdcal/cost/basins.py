@@ -1,16 +1,16 @@
 """Local minima of a map, their basins, and the path of one microphone downhill.
 
-Whether a minimum counts depends on its prominence (`fdcal.cost.scale`), which the watershed algorithm finds. Steepest
-descent from neighbour to neighbour divides the map into the basins of all its minima. The pass between two basins is
-the lowest place where they touch. Passes are taken in ascending order: at each the two basins merge. The climb from
-the higher of their two minima to the pass is the prominence of that minimum. Only the passes are sorted, which
-are a few per cent of the points.
+Whether a minimum counts depends on its prominence (`fdcal.cost.scale`), which a watershed algorithm computes. Steepest
+descent from neighbour to neighbour assigns every point of the map to the basin of a minimum. The pass between two
+basins is the lowest point where they touch. The passes are visited in ascending order, and at each of them its two
+basins merge; the climb from the higher of their two minima to the pass is the prominence of that minimum. Only the
+passes must be sorted, which are a few per cent of the points.
 
-A minimum that is too shallow to count belongs to the basin that it joins.
+The basin of a minimum that is too shallow to count belongs to the basin with which it merges.
 
-The path of a microphone follows the gradient of the cost, interpolated between lattice points. It stays in the basin
-where it begins, so that it ends at the minimum that the map marks there. From a minimum that is too shallow to count it
-continues at the nearest point of the basin with a lower cost.
+The path of a microphone follows the negative gradient of the cost, interpolated between lattice points. It stays in the
+basin in which it begins, so that it ends at the minimum that the map marks there. From a minimum that is too shallow to
+count, the path continues at the nearest point of the basin with a lower cost.
 """
 
 from dataclasses import dataclass
@@ -23,17 +23,17 @@ from ..model.settings import Search
 from ..model.validation import Integers, Reals, frozen_array
 from .scale import DEPTH, OUTSIDE, on_scale
 
-STRIDE = 0.7  # length of a step of a path, in steps of the lattice
+STRIDE = 0.7  # length of the steps of a path, in steps of the lattice
 
 
 def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and that of each point's basin (P,).
+    """Return the flat indices (K,) of minima whose prominence exceeds `depth`, and for each point its minimum (P,).
 
-    `depth` is in the unit of `cost`. The lowest minimum is first; the global one is always among them. Of two equal
-    costs the one with the lower index counts as lower.
+    Both are int64. `depth` is in the unit of `cost`. The minima are in ascending order of cost, and the global one is
+    always among them. Of two equal costs, the one with the lower index counts as lower.
     """
     cost = np.ascontiguousarray(cost, dtype=float)
-    flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map is one layer
+    flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map of two dimensions has one layer
     basins = _basins(_lowest_neighbours(layers))
     passes = _passes(layers, basins)
     passes = passes[np.argsort(flat[passes[:, 0]], kind="stable")]
@@ -44,7 +44,7 @@ def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarra
 
 @compiled
 def _lowest_neighbours(cost: Reals):
-    """Return the lowest neighbour of each point, or the point itself where none is lower : (P,) int64."""
+    """Return the lowest neighbour of each point, or the point itself if no neighbour is lower : (P,) int64."""
     nz, ny, nx = cost.shape
     found = np.empty(cost.size, np.int64)
     for h in range(nz):
@@ -54,7 +54,7 @@ def _lowest_neighbours(cost: Reals):
                 for k in range(max(h - 1, 0), min(h + 2, nz)):
                     for m in range(max(j - 1, 0), min(j + 2, ny)):
                         for n in range(max(i - 1, 0), min(i + 2, nx)):
-                            if cost[k, m, n] < least:  # the first of equal ones, whose index is lowest
+                            if cost[k, m, n] < least:  # of equal costs the first, which has the lowest index
                                 lowest, least = (k * ny + m) * nx + n, cost[k, m, n]
                 found[(h * ny + j) * nx + i] = lowest
     return found
@@ -62,27 +62,27 @@ def _lowest_neighbours(cost: Reals):
 
 @compiled
 def _basins(parents: Integers):
-    """Return the root of each point, which is its own parent : (P,) int64."""
+    """Return the root of each point's tree : (P,) int64; a root is its own parent."""
     basin = parents.copy()
     for point in range(len(basin)):
-        _end(basin, point)
+        _root(basin, point)
     return basin
 
 
 @compiled
-def _end(parents: Integers, point: int):
-    """Return the root of a point, which is its own parent, and make it the parent of all points on the way."""
-    end = point
-    while parents[end] != end:
-        end = parents[end]
-    while parents[point] != end:
-        parents[point], point = end, parents[point]
-    return end
+def _root(parents: Integers, point: int):
+    """Return the root of a point's tree, and make it the parent of all points on the way (union-find)."""
+    root = point
+    while parents[root] != root:
+        root = parents[root]
+    while parents[point] != root:
+        parents[point], point = root, parents[point]
+    return root
 
 
 @compiled
 def _passes(cost: Reals, basins: Integers):
-    """Return the points that have a lower neighbour in another basin, with that basin : (E, 2) int64."""
+    """Return pairs of a point and another basin in which it has a neighbour of no higher cost : (E, 2) int64."""
     nz, ny, nx = cost.shape
     found, count = np.empty((1024, 2), np.int64), 0
     for h in range(nz):
@@ -106,15 +106,15 @@ def _passes(cost: Reals, basins: Integers):
 
 @compiled
 def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
-    """Return which minima are not prominent enough, and the minimum whose basin each of them joins : (P,), (P,)."""
+    """Return which minima are too shallow to count (P,), and the minimum with whose basin each of them merges (P,)."""
     union, heirs, ended = basins.copy(), np.arange(cost.size), np.zeros(cost.size, np.bool_)
     for row in range(len(passes)):
         here, there = passes[row]
-        one, other = _end(union, here), _end(union, there)
+        one, other = _root(union, here), _root(union, there)
         if one == other:
             continue
         if (cost[one], one) < (cost[other], other):
-            one, other = other, one  # `one` is the higher minimum: its basin ends here
+            one, other = other, one  # now `one` is the higher minimum, whose basin merges into that of `other`
         ended[one] = cost[here] - cost[one] <= depth
         union[one] = other
         if ended[one]:
@@ -126,12 +126,12 @@ def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
 class Basins:
     """The basins of the minima of a map that count."""
 
-    # (ny, nx), or (nz, ny, nx) for a volume, int64, number of the minimum whose basin holds each point, or OUTSIDE
+    # (ny, nx), or (nz, ny, nx) for a volume, int64: number of the minimum to whose basin each point belongs, or OUTSIDE
     labels: np.ndarray
-    minima: Integers  # (K, 2), or (K, 3) for a volume, int64, rows and columns, the lowest minimum first
+    minima: Integers  # (K, 2) int64, row and column, or (K, 3), with the layer first; the lowest minimum first
 
     def at(self, search: Search, place: Reals) -> int:
-        """Return the number of the basin at a position (2,) or (3,), metres, or OUTSIDE beyond the lattice `search`."""
+        """Return the number of the basin at a position (2,) or (3,), metres; OUTSIDE if it is not in the lattice."""
         dimension = self.labels.ndim
         index = np.rint((np.asarray(place, float)[:dimension] - search.origin[:dimension]) / search.step).astype(int)
         inside = np.all((index >= 0) & (index < self.labels.shape[::-1]))
@@ -141,8 +141,8 @@ class Basins:
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), and their basins.
 
-    A minimum counts where its prominence, the climb out of it to a lower one, exceeds `depth` of the scale of the map.
-    Minima at the edge do not count, because the cost beyond it is unknown.
+    A minimum counts if its prominence, the climb from it to a lower minimum, exceeds the fraction `depth` of the map's
+    scale. Minima at the edge do not count, because the cost beyond it is unknown.
     """
     minima, owners = merged_basins(on_scale(cost), depth)
     places = np.stack(np.unravel_index(minima, cost.shape), axis=1)
@@ -152,25 +152,25 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     return Basins(frozen_array(numbers[owners].reshape(cost.shape), np.int64), frozen_array(places[inside], np.int64))
 
 
-SHORTEST = 0.05  # shortest step of a path that is tried, in lattice steps
+SHORTEST = 0.05  # length of the shortest step of a path that is tried, in steps of the lattice
 MAX_STEPS = 2000
-REACH = 4.0  # lattice steps that a path towards the edge of the map may jump out of a shallow minimum
+REACH = 4.0  # longest jump out of a shallow minimum on a path to the edge of the map, in steps of the lattice
 
 
 @dataclass(frozen=True)
 class DescentPath:
-    """A path downhill."""
+    """The path of one microphone downhill."""
 
     points: Reals  # (P, D) float64, metres, from the start to the minimum
     costs: Reals  # (P,) float64, descending
-    basin: int  # number of the basin, or OUTSIDE of a path that ends at the edge of the map
+    basin: int  # number of the basin, or OUTSIDE for a path that ends at the edge of the map
 
 
 def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals) -> DescentPath:
-    """Return the path downhill from a point.
+    """Return the path downhill from the point `place`, (2,) or (3,) float64, metres.
 
-    `cost` (ny, nx) or (nz, ny, nx) float64, over the lattice `search`; `basins`: of this cost; `place` (2,) or (3,)
-    float64, metres; outside of the lattice, its edge.
+    `cost` (ny, nx) or (nz, ny, nx) float64 is a map on the lattice `search`, and `basins` are its basins. A point
+    outside the lattice is first moved to the edge.
     """
     origin, last = np.asarray(search.origin[: cost.ndim]), np.array(cost.shape) - 1
     here = np.clip(((np.asarray(place, float)[: cost.ndim] - origin) / search.step)[::-1], 0.0, last)  # as indices
@@ -191,7 +191,8 @@ def descent_path(cost: np.ndarray, search: Search, basins: Basins, place: Reals)
             if lower < level and basins.labels[tuple(np.rint(there).astype(int))] == own:
                 return there, lower
             stride /= 2
-        lower = np.argwhere((basins.labels == own) & (cost < level))  # at a shallow minimum: the nearest lower point
+        # This is a minimum that is too shallow to count: continue at the nearest lower point.
+        lower = np.argwhere((basins.labels == own) & (cost < level))
         away = np.linalg.norm(lower - at, axis=1)
         if not len(lower) or away.min() > (REACH if own == OUTSIDE else np.inf):
             return None

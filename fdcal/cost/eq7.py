@@ -1,40 +1,40 @@
 """The paper's cost, Eq. 7; rows of the dictionary W for many modes; and the reference cost of any positions.
 
-    W         dictionary of one mode at the estimated positions (Eq. 4)
-    alpha     W^+ p, coefficients of the field (Eq. 5)
-    cost      |W alpha - p|^2 (Eq. 6), summed over the modes in use (Eq. 7)
-    landscape cost over candidate positions of one microphone, all others constrained
+    W          dictionary of one mode at the estimated positions (Eq. 4)
+    alpha      W^+ p, coefficients of the field (Eq. 5)
+    cost       |W alpha - p|^2 (Eq. 6), summed over the modes in use (Eq. 7)
+    landscape  cost as a function of the position of one microphone, with all others at their estimated positions
 
-With microphone n left out, W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost
-with microphone n at x is
+Leave microphone n out, and let W_-n = Q S (a QR decomposition), Z = S^-1, alpha = Z Z^H W_-n^H p_-n and
+r0 = |p_-n - W_-n alpha|^2. With w(x) the row of W at x, the cost with microphone n at x is
 
-    cost(x) = r0 + |p_n - f(x)|^2 / (1 + h(x)),    f = w(x) alpha,    h = |w(x) Z|^2,
+    cost(x) = r0 + |p_n - f(x)|^2 / (1 + h(x)),    f = w(x) alpha,    h = |w(x) Z|^2.
 
-where w(x) is the row of W at x. This equals Eq. 7 if W_-n has full column rank; otherwise W_-n is reduced to its column
-space once for all candidates. The centre of the expansion is the same for all candidates. Every search and every map
-uses this formula: descent evaluates it in compiled loops (`fdcal.cost.lattice`), and maps interpolate f and h
-(`fdcal.cost.maps`).
+This equals Eq. 7 if W_-n has full column rank. Otherwise W_-n is reduced to its column space, once for all candidates.
+The centre of the expansion is the same for all candidates. Every search and every map uses this formula: solver
+"descent" evaluates it in compiled loops (`fdcal.cost.lattice`), and maps interpolate f and h (`fdcal.cost.maps`).
 
-`FieldExpansion` computes rows of W for many modes and points together, about a centre that may change with every call.
+`FieldExpansion` computes rows of W for many modes and points together, about a centre that may differ in every call.
 The functions of order l are
 
     2-D             J_l(k r) exp(j l theta)            = c_l g_l(k r) (x + j y)^l
     3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi), l + m even in a plane
 
-g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2
-represents it to rounding errors. The constants c_l are omitted, since Eq. 7 only depends on the column space of W.
+The function g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series
+in r^2 represents it to rounding errors. The constants c_l are omitted, since Eq. 7 only depends on the column space
+of W.
 
-Microphones can carry a mode if it has fewer functions than there are microphones, in a plane 2L + 1 < N (Eq. 8). Only
-then does Eq. 7 constrain the position of each microphone.
+The microphones can carry a mode if its expansion has fewer functions than there are microphones: in a plane
+2L + 1 < N (Eq. 8). Only then does Eq. 7 constrain the position of each microphone.
 
-The reference cost is Eq. 7 over all these modes, relative to their power, in decibels. Solvers minimise different costs
-that cannot be compared with each other; this one compares any positions. The modes are all that the microphones can
-carry, the order of each is fixed, and every microphone has the weight 1. It is 0 dB where the positions explain
-nothing, and falls as the positions improve, down to the noise or the truncation error of the expansion. Rotations,
-translations and mirror images do not change it.
+The reference cost is Eq. 7, summed over all modes that the microphones can carry, relative to their power, in decibels.
+The solvers minimise different costs, which cannot be compared with each other; the reference cost is the same function
+for all solvers, because the order of each mode is fixed and every microphone has the weight 1. It is 0 dB if the
+positions explain nothing, and falls as the positions improve, down to the noise or the truncation error of the
+expansion. Rotations, translations and mirror images do not change it.
 
-If the solver estimates the channels, the pressures are divided by its gains, and each channel has the weight 1 / noise;
-otherwise one inverted or dead channel would dominate the cost.
+If the solver estimates the channels, the pressures are divided by their gains, and each channel has the weight
+1 / noise; otherwise one inverted or dead channel would dominate the cost.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest cou
 
 
 def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """Return alpha = W^+ p (Eq. 5) : (2L + 1,) complex128, of W (N, 2L + 1) and p (N,)."""
+    """Return alpha = W^+ p (Eq. 5) : (2L + 1,) complex128, from W (N, 2L + 1) and p (N,)."""
     return fit(W[None], p[None])[1][0]
 
 
@@ -66,13 +66,13 @@ def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
 class LeaveOneOutFit:
     """The fit of one mode to all microphones except one, with the symbols of the module's docstring."""
 
-    Z: Complexes  # (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
-    alpha: Complexes  # (K,) complex128, coefficients, unit of the pressures
+    Z: Complexes  # (K, K) complex128; Z Z^H is the inverse of W_-n^H W_-n; K is the number of functions
+    alpha: Complexes  # (K,) complex128, coefficients in the unit of the pressures
     r0: float  # squared residual of the other microphones
-    p_n: complex  # complex, pressure of the microphone left out
+    p_n: complex  # pressure of the microphone that is left out
 
     def terms(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return h (C,) float64 and f (C,) complex128 at candidates, whose rows of W are `rows` (C, K)."""
+        """Return h (C,) float64 and f (C,) complex128 at candidates whose rows of W are `rows` (C, K)."""
         product = rows @ np.column_stack([self.Z, self.alpha])
         parts = product.view(float)[:, :-2]
         return np.einsum("ij,ij->i", parts, parts), product[:, -1]
@@ -82,7 +82,7 @@ class LeaveOneOutFit:
         return self.r0 + ((self.p_n.real - re) ** 2 + (self.p_n.imag - im) ** 2) / (1 + h)
 
     def cost_of(self, rows: np.ndarray) -> np.ndarray:
-        """Return the cost (C,) with the left-out microphone at candidates, whose rows of W are `rows` (C, K)."""
+        """Return the cost (C,) with the left-out microphone at candidates whose rows of W are `rows` (C, K)."""
         h, f = self.terms(rows)
         return self.cost(h, np.real(f), np.imag(f))
 
@@ -90,15 +90,15 @@ class LeaveOneOutFit:
 def leave_one_out_fits(
     dictionaries: Sequence[Complexes], pressures: np.ndarray, n: int, weights: np.ndarray | None = None
 ) -> list[LeaveOneOutFit]:
-    """Return the fit of every mode to all microphones except `n`, from M dictionaries (N, 2L + 1) and pressures (M, N).
+    """Return the fit of every mode to all microphones except `n`, from M dictionaries (N, K) and pressures (M, N).
 
-    `weights` (N,) multiply the squared residual of each microphone; that of `n` counts as 1.
+    `weights` (N,) multiply the squared residuals of the other microphones; that of microphone `n` has the weight 1.
     """
     others = np.arange(int(pressures.shape[1])) != n
     scale = np.ones(np.count_nonzero(others)) if weights is None else np.sqrt(weights[others])
     fits: dict[int, LeaveOneOutFit] = {}
     widths = np.array([W.shape[1] for W in dictionaries])
-    for width in np.unique(widths):  # modes of equal order in one batch
+    for width in np.unique(widths):  # modes of equal order form one batch
         modes = np.flatnonzero(widths == width)
         W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
         parts = fit(W, pressures[modes][:, others] * scale)
@@ -110,8 +110,9 @@ def leave_one_out_fits(
 def fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return Z (B, K, K), alpha (B, K) and r0 (B,) of a batch of modes: W (B, N, K), p (B, N).
 
-    With [W p] = Q R, R holds S, S alpha and, as its last diagonal element, the root of r0. Where the rank of W is below
-    K, the singular value decomposition is used instead, and the columns of Z beyond the rank are zero.
+    In the QR decomposition [W p] = Q R, the matrix R contains S, S alpha and, as its last diagonal element, the root of
+    r0. If the rank of W is below K, the singular value decomposition is used instead, and the columns of Z beyond the
+    rank are zero.
     """
     N, K = W.shape[1:]
     R = np.asarray(np.linalg.qr(np.concatenate([W, p[..., None]], axis=2), mode="r"))
@@ -138,9 +139,9 @@ def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
     return weights
 
 
-TABLE_RADIUS = 2.0  # radius of the tables, in search radii; the functions of points beyond it are evaluated directly
-TERMS = 48  # of the Chebyshev series before negligible ones are dropped
-NEGLIGIBLE = 1e-16  # Chebyshev coefficients below it are omitted; the functions are 1 at the centre
+TABLE_RADIUS = 2.0  # radius of the tables, in search radii; at points beyond it the functions are evaluated directly
+TERMS = 48  # number of Chebyshev coefficients before negligible ones are dropped
+NEGLIGIBLE = 1e-16  # size below which Chebyshev coefficients are dropped; the functions are 1 at the centre
 
 
 @dataclass(frozen=True)
@@ -153,14 +154,17 @@ class CarriedModes:
 
 
 def search_domain(problem: Problem) -> Search:
-    """Return the search domain of a problem; InputError if it has none."""
+    """Return the search domain of a problem; raises InputError if it has none."""
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     return problem.search
 
 
 def functions(problem: Problem, order: Any):
-    """Return the number of functions of an expansion of `order` L: 2L + 1, (L + 1)^2 or (L + 1)(L + 2) / 2."""
+    """Return the number of functions of an expansion of `order` L, an integer or an array of them.
+
+    It is 2L + 1 in a plane, (L + 1)^2 in space, and (L + 1)(L + 2) / 2 for an array in a plane in space.
+    """
     if problem.dimension == 2:
         return 2 * order + 1
     return (order + 1) ** 2 if problem.array_dimension == 3 else (order + 1) * (order + 2) // 2
@@ -174,7 +178,7 @@ def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return how many of the lowest modes the microphones can carry; without a search domain, all modes."""
+    """Return up to which mode the microphones can carry all modes, as a number of modes; without a domain, all."""
     if problem.search is None:
         return len(problem.pressures)
     carried = carried_modes(problem, order_offset).modes
@@ -199,15 +203,15 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
 
 
 def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
-    """Return why the microphones cannot carry a mode, counted from 1."""
+    """Return a sentence that explains why the microphones cannot carry a mode, counted from 1."""
     R = search_domain(problem).radius
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
-    formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
-    formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
+    formulas = {(2, 2): "2L + 1", (3, 3): "(L + 1)^2", (3, 2): "(L + 1)(L + 2) / 2"}  # by the two dimensions
     return (
         f"frequency {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
         f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"
-        f" {formula} = {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones"
+        f" {formulas[problem.dimension, problem.array_dimension]} = {functions(problem, L)} functions for"
+        f" {problem.pressures.shape[1]} microphones"
     )
 
 
@@ -220,14 +224,14 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
 
 
 def require_plane_field(problem: Problem) -> None:
-    """Raise InputError for a field of three dimensions, for which there is no lattice dictionary."""
+    """Raise InputError for a field of three dimensions, for which `LatticeDictionary` has no functions."""
     if problem.dimension != 2:
         fault = "landscapes of this command need a two-dimensional field, and this one has dimension = 3"
         raise InputError(fault, "see its maps on the page: fdcal view", key="dimension")
 
 
 class FieldExpansion:
-    """Rows of W for the modes that the microphones can carry, `carried`."""
+    """Rows of W for the modes that the microphones can carry, which are `carried`."""
 
     def __init__(self, problem: Problem, order_offset: int):
         self.carried = carried_modes(problem, order_offset)
@@ -236,18 +240,21 @@ class FieldExpansion:
         self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
 
     def groups(self, chosen: Sequence[int] | Integers) -> list[np.ndarray]:
-        """Return the modes of `chosen`, indices of `carried`, in groups of one order."""
+        """Return the modes of `chosen`, which are indices into `carried`, in groups of equal order."""
         chosen = np.asarray(chosen, np.int64)
         orders = self.carried.orders[chosen]
         return [chosen[orders == order] for order in np.unique(orders)]
 
     def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
-        """Return the rows of W (B, C, K) at points (C, D), metres, up to a factor, for modes (B,) of one order L."""
+        """Return the rows of W (B, C, K) complex128 at points (C, D), metres, for a `group` of B modes of one order L.
+
+        Each column differs from the dictionary by a constant factor.
+        """
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
         radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)
         offsets = TABLE_RADIUS * offsets
-        if self._dimension == 2:  # l: degree of each column (K,); angular: (C, K)
+        if self._dimension == 2:  # l (K,) is the degree of each column; angular is (C, K)
             across, l = offsets[:, 0] + 1j * offsets[:, 1], np.abs(np.arange(-order, order + 1))  # noqa: E741
             powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
             angular = np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
@@ -257,12 +264,12 @@ class FieldExpansion:
         return radial[:, :, l] * angular
 
     def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
-        """Return g_l at points, given their squared distances in units of the tables' radius : (B, C, L + 1)."""
+        """Return g_l (B, C, L + 1) at C points, from their `squared` distances (C,) in units of the tables' radius."""
         k = self._k[group] * self._radius
         if squared.max(initial=0.0) > 1.0:
             return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
         everyone = np.flatnonzero(self.carried.orders == order)
-        if order not in self._tables:  # the Chebyshev coefficients of g_l : (terms, B, L + 1)
+        if order not in self._tables:  # compute the Chebyshev coefficients of g_l : (terms, B, L + 1)
             t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
             values = self._functions(np.sqrt((1 + t) / 2), self._k[everyone] * self._radius, order)
             weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
@@ -279,26 +286,27 @@ class FieldExpansion:
     def _functions(self, r: np.ndarray, k: np.ndarray, order: int) -> np.ndarray:
         """Return g_l(k r) : (C, B, L + 1)."""
         l = np.arange(order + 1)  # noqa: E741
-        z = np.multiply.outer(np.maximum(r, 1e-3), k)  # below it g_l is 1 to rounding errors
-        J, z = np.moveaxis(bessel(z, order, spherical=self._dimension == 3), 0, -1), z[..., None]
+        z = np.multiply.outer(np.maximum(r, 1e-3), k)  # at smaller r, g_l is constant to rounding errors
+        J = np.moveaxis(bessel(z, order, spherical=self._dimension == 3), 0, -1)
+        z = z[..., None]
         return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
 
 
-expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # its tables serve all searches and maps
+expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # all searches and maps share the tables
 
 
-ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error has the effect of a centimetre
-MIN_MODES = 3  # with fewer carried modes the order is lowered
-LOWEST = 1e-16  # least relative cost in decibels
+ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error is as large as the effect of 1 cm
+MIN_MODES = 3  # if the microphones carry fewer modes, the order is lowered
+LOWEST = 1e-16  # relative cost below which all costs have the same value in decibels
 
 
 def decibels(relative_cost: float) -> float:
-    """Return a relative cost in decibels, -160 at least; NaN for NaN."""
+    """Return a relative cost in decibels, at least -160 dB; NaN for NaN."""
     return float(10 * np.log10(np.maximum(relative_cost, LOWEST)))
 
 
 def reference_cost_of(problem: Problem) -> ReferenceCost | None:
-    """Return the reference cost of a problem; None without a search domain or with too few microphones for any mode."""
+    """Return the reference cost of a problem; None without a search domain, or if the microphones carry no mode."""
     try:
         return ReferenceCost(problem)
     except InputError:
@@ -308,9 +316,9 @@ def reference_cost_of(problem: Problem) -> ReferenceCost | None:
 class ReferenceCost:
     """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
 
-    `order_offset` is added to ceil(k R) in the order of every mode; it is lowered for an array that carries fewer than
-    MIN_MODES modes with it. `count` is the number of modes. Raises InputError without a search domain, or with too
-    few microphones for any mode.
+    `order_offset` is added to ceil(k R) in the order of every mode. It is lowered if the array carries fewer than
+    MIN_MODES modes with it; the attribute `order_offset` is the lowered value. `count` is the number of modes. Raises
+    InputError without a search domain, or if the microphones carry no mode.
 
     Examples
     --------
@@ -334,17 +342,17 @@ class ReferenceCost:
         self._pressures = problem.pressures[carried.modes]
 
     def __call__(self, positions: ArrayLike, channels: ChannelCorrection | None = None) -> float:
-        """Return the cost of positions (N, D), metres, in dB, with `RunState.channels`; NaN where one is not finite."""
+        """Return the cost of positions (N, D), metres, in dB, for given gains and noise; NaN if one is not finite."""
         positions = np.asarray(positions, float)
         if not np.isfinite(positions).all():
             return float("nan")
         pressures, scale = equalised(self._pressures, channels)
-        left, centre = 0.0, positions.mean(axis=0)
+        residual = 0.0
         for group in self._groups:
-            W = scale[:, None] * self._expansion.rows(positions, centre, group)
-            left += float(np.sum(fit(W, pressures[group])[2]))
-        return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
+            W = scale[:, None] * self._expansion.rows(positions, positions.mean(axis=0), group)
+            residual += float(np.sum(fit(W, pressures[group])[2]))
+        return decibels(residual / float(np.sum(np.abs(pressures) ** 2)))
 
     def of(self, state: SolverState) -> float:
-        """Return the cost of a state of any solver (`RunState`), its channels included, dB."""
+        """Return the cost of a state of any solver (`RunState`), dB, with the channels that it has estimated."""
         return self(state.positions, state.channels)

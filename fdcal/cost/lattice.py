@@ -1,27 +1,28 @@
-"""Descent's search: the candidate of least Eq. 7 for one microphone, in a plane and in three dimensions.
+"""The search of solver "descent": the candidate with the lowest Eq. 7 for one microphone, in a plane and in space.
 
 In a plane all candidates of the lattice are searched, by compiled loops over the rows of W from the lattice's table of
-radii. The sum over modes only grows, so that the search drops a candidate as soon as its partial sum exceeds the full
-sum at the present position. Once the microphones are nearly right, a step therefore takes a tenth of the time of a map
-(`fdcal.cost.maps`) or less. The result is the argmin of the landscape; of equal values the first in lattice order.
+radial functions. Each mode can only increase the sum, so the search drops a candidate as soon as its partial sum
+exceeds the full sum at the present position. Once the positions are nearly right, a step therefore takes at most a
+tenth of the time of a map (`fdcal.cost.maps`). The result is the argmin of the landscape; of equal values it is the
+first in lattice order.
 
-A lattice in space has a hundred times the candidates of a map, and W has four times the columns. A whole volume in
-every step would take too long, so that only some candidates are tried. The cost of one microphone has no detail finer
-than a fraction of the shortest wavelength in use:
+A lattice in space has a hundred times as many candidates as a map, and W has four times as many columns. To evaluate
+all of them in every step would take too long. The cost of one microphone has no detail finer than a fraction of the
+shortest wavelength in use, so that it suffices to try some candidates:
 
     coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
             lowest up, and after each quarter of them the worse half of the candidates is dropped
-    fine    from the best few of these, and from where the microphone is, to neighbours at half the distance, and so on
-            down to the lattice's own step, until none is lower
+    fine    from each of the best few of these, and from the present position, the search moves to lower neighbours, at
+            half the distance, then at a quarter, and so on down to the step of the lattice, until none is lower
 
-The result is the lowest candidate that was tried, and never higher than the cost at the present position. The rows of W
-are those of `fdcal.cost.eq7`, whose columns differ from the paper's dictionary by factors on which Eq. 7 does not
-depend.
+The result is the lowest candidate that was tried; its cost is never higher than that at the present position. The rows
+of W are those of `fdcal.cost.eq7`. Their columns differ from the paper's dictionary by constant factors, which do not
+change Eq. 7.
 
 The compiled loops compute rows of W for many points together, with real and imaginary parts in separate arrays and the
 points along the last axis, so that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`.
-Arrays are copied in loops, because for `a[i:] = b[i:]` numba also compiles an error message, which takes longer than
-all other code here.
+Arrays are copied in loops, because for `a[i:] = b[i:]` numba also compiles the code of an error message, which takes
+longer than compiling all other code here.
 """
 
 import functools
@@ -36,16 +37,19 @@ from ..model.problem import Problem
 from ..model.validation import Bools, Complexes, Integers, Reals
 from . import eq7
 
-SPACING = 1 / 8  # distance of coarse candidates, in shortest wavelengths
-MIN_COARSE = 5  # least number of coarse candidates along the shortest axis
-QUARTERS = 4  # parts of the modes; after each part half of the coarse candidates are dropped
-MIN_KEPT = 32  # least number of candidates that are kept until all modes are summed
+SPACING = 1 / 8  # spacing of coarse candidates, in shortest wavelengths
+MIN_COARSE = 5  # smallest number of coarse candidates along the shortest axis
+QUARTERS = 4  # number of parts of the modes; after each part half of the coarse candidates are dropped
+MIN_KEPT = 32  # smallest number of candidates that are kept until all modes are summed
 SEEDS = 4  # number of coarse candidates that are refined
-MAX_WALK = 40  # number of moves at the finest step
+MAX_WALK = 40  # largest number of moves at the finest step
 
 
 class PlaneLattice(LatticeDictionary):
-    """The candidates of a search domain in the plane, with every mode that the microphones can carry."""
+    """The candidates of a search domain in the plane, with every mode that the microphones can carry.
+
+    Raises InputError for a field of three dimensions, without a search domain, or if no mode can be carried.
+    """
 
     def __init__(self, problem: Problem, order_offset: int):
         search = eq7.search_domain(problem)
@@ -55,18 +59,19 @@ class PlaneLattice(LatticeDictionary):
         super().__init__(search, k, max_order(k, search.radius, order_offset))
 
     def best(self, centre: Reals, modes: slice, fits: list[eq7.LeaveOneOutFit], start: Reals) -> tuple[Reals, float]:
-        """Return the candidate (2,), metres, of least cost, and that cost, summed over `modes`.
+        """Return the candidate (2,), metres, with the lowest cost summed over `modes`, and that cost.
 
-        `centre` (2,), metres, is a lattice point; `fits` are the `leave_one_out_fits` of these modes, and `start` (2,),
-        metres, is where the microphone is.
+        `centre` (2,), metres, is a point of the lattice; `fits` are the `leave_one_out_fits` of these modes; `start`
+        (2,), metres, is the present position of the microphone.
         """
         orders = self.orders[modes]
         K, r0, p_n = 2 * orders + 1, np.array([fit.r0 for fit in fits]), np.array([fit.p_n for fit in fits])
         columns = np.zeros((len(K), K.max() + 1, K.max()), complex)
         for m, fit in enumerate(fits):
             columns[m, : K[m], : K[m]], columns[m, K[m], : K[m]] = fit.Z.T, fit.alpha
-        whole, here = ~np.any(np.triu(columns[:, :-1], 1), axis=(1, 2)), self.index(start)
-        best, least = pruned_search(*self.phases(centre), self.radial(modes), orders, columns, whole, r0, p_n, here)
+        lower = ~np.any(np.triu(columns[:, :-1], 1), axis=(1, 2))  # which of the transposed Z are lower triangular
+        here = self.index(start)
+        best, least = pruned_search(*self.phases(centre), self.radial(modes), orders, columns, lower, r0, p_n, here)
         return self.points[best], least
 
 
@@ -95,9 +100,10 @@ class SpaceLattice:
         return [found[mode] for mode in modes]
 
     def best(self, centre: Reals, modes: slice, fits: list[eq7.LeaveOneOutFit], start: Reals) -> tuple[Reals, float]:
-        """Return the candidate (3,), metres, of least cost that the search finds, and that cost, summed over `modes`.
+        """Return the candidate (3,), metres, with the lowest cost that the search finds, and that cost.
 
-        `fits` are the `leave_one_out_fits` of these modes, and `start` (3,), metres, is where the microphone is.
+        The cost is summed over `modes`. `fits` are the `leave_one_out_fits` of these modes; `start` (3,), metres, is
+        the present position of the microphone.
         """
         numbers = np.arange(len(self.orders))[modes]
 
@@ -109,10 +115,10 @@ class SpaceLattice:
                     total += fits[int(number - numbers[0])].cost_of(rows)
             return total
 
-        # distance of coarse candidates in steps of the lattice, a power of two
         wavelength = 2 * np.pi / float(self._k[numbers].max())
         max_stride = min(wavelength * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
-        everything, stride = np.arange(len(numbers)), 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
+        stride = 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)  # between coarse candidates, in steps of the lattice
+        everything = np.arange(len(numbers))
         coarse = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape.tolist()])
         sums = np.zeros(len(coarse))
         for some in np.array_split(everything, min(QUARTERS, len(everything))):
@@ -126,7 +132,10 @@ class SpaceLattice:
         return self._place(index), least
 
     def _refined(self, cost: Callable[..., np.ndarray], index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
-        """Return the candidate that is found by moving to lower neighbours at decreasing distances, and its cost."""
+        """Return the candidate (3,) at the end of moves to lower neighbours at decreasing distances, and its cost.
+
+        `index` (3,) is the candidate to begin with, and `stride` the distance of coarse candidates, in steps.
+        """
         around = np.delete(_grid([np.arange(-1, 2)] * 3), 13, axis=0)  # without the candidate itself
         least = float(cost(index[None])[0])
         for reach in [stride >> halved for halved in range(1, stride.bit_length())] + [1] * MAX_WALK:
@@ -149,7 +158,7 @@ def _grid(axes: list[np.ndarray]) -> np.ndarray:
 plane_lattice = functools.lru_cache(maxsize=3)(PlaneLattice)
 space_lattice = functools.lru_cache(maxsize=3)(SpaceLattice)
 
-BLOCK = 32  # candidates evaluated together
+BLOCK = 32  # number of candidates that are evaluated together
 
 
 @compiled
@@ -164,10 +173,11 @@ def pruned_search(
     p_n: Complexes,
     start: int,
 ):
-    """Return the candidate of least cost summed over the modes, and that cost; `start` is tried first.
+    """Return the number of the candidate with the lowest cost summed over the modes, and that cost.
 
-    All candidates are summed mode by mode, from the lowest mode, which is cheapest. After each mode only candidates are
-    kept whose sum does not exceed the cost of `start`.
+    First the cost of candidate `start` is computed. Then the costs of all candidates are summed mode by mode, beginning
+    with the lowest mode, which is the cheapest. After each mode, candidates whose sum exceeds the cost of `start` are
+    dropped. `triangular` states for each mode whether the matrix in `columns` is lower triangular.
     """
     floor = r0.sum()
     kept, total = np.array([start]), np.array([floor])
@@ -180,7 +190,7 @@ def pruned_search(
         low = total <= least
         kept, total = kept[low], total[low]
     best = start
-    for c in range(len(kept)):  # the first in the order of the lattice where several are equal
+    for c in range(len(kept)):  # of several equal costs the first in the order of the lattice is chosen
         if total[c] < least or (total[c] == least and kept[c] < best):
             best, least = kept[c], total[c]
     return best, least
@@ -198,7 +208,7 @@ def _add_mode(
     kept: Integers,
     total: Reals,
 ):
-    """Add the excess of one mode to the sums of the candidates `kept`."""
+    """Add the excess of one mode's cost over r0 to the sums `total` of the candidates `kept`."""
     re, im, work = np.empty((2 * L + 1, BLOCK)), np.empty((2 * L + 1, BLOCK)), np.empty((3, BLOCK))
     which, block = np.empty(BLOCK, np.int64), np.empty(BLOCK)
     for first in range(0, len(kept), BLOCK):
@@ -214,7 +224,10 @@ def _add_mode(
 
 @compiled
 def _rows(J: Complexes, unit: Complexes, row: Integers, which: Integers, L: int, re: Reals, im: Reals):
-    """Compute re[l] + j im[l] = J_l exp(j l theta), l = -L..L, for the points `which`, whose rows in J are `row`."""
+    """Compute re[L + l] + j im[L + l] = J_l exp(j l theta), l = -L..L, for the points `which`.
+
+    `row` holds the row of each point in J, and `unit` its exp(j theta).
+    """
     for c in range(len(which)):
         point = which[c]
         r, u, v = row[point], unit[point].real, unit[point].imag
@@ -231,7 +244,7 @@ def _rows(J: Complexes, unit: Complexes, row: Integers, which: Integers, L: int,
 def _add_excess(
     re: Reals, im: Reals, columns: Complexes, p_n: complex, K: int, triangular: bool, work: Reals, total: Reals
 ):
-    """Add |p_n - w alpha|^2 / (1 + |w Z|^2) of a block of candidates to `total`."""
+    """Add |p_n - w alpha|^2 / (1 + |w Z|^2) of a block of candidates to `total`; `work` (3, BLOCK) is overwritten."""
     leverage, x, y = work[0], work[1], work[2]
     leverage[:] = 1.0
     for j in range(K + 1):
@@ -246,5 +259,5 @@ def _add_excess(
         if j < K:
             for c in range(BLOCK):
                 leverage[c] += x[c] * x[c] + y[c] * y[c]
-    for c in range(BLOCK):  # the last column was alpha
+    for c in range(BLOCK):  # the last column was alpha, so that x + j y is w alpha
         total[c] += ((p_n.real - x[c]) ** 2 + (p_n.imag - y[c]) ** 2) / leverage[c]

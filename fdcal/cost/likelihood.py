@@ -4,20 +4,24 @@
     C_m  = s_m K_m + v_m diag(tau_n)
     cost = sum_m [log det C_m + q_m^H C_m^-1 q_m + 2 Re sum_n log g_mn]
 
-    x (N, D) positions, metres;  a, b (N,) log gain, nepers, and phase, radians
-    d (N,) delay, metres, times the sound speed;  kappa (N,) corner of a first-order high-pass, rad/m, times 2 pi / c
-    h = -log(1 - j kappa / k), high-pass relative to the other channels; kappa < 0: the inverse filter of -kappa
-    K    covariance of a field of unit power (`fdcal.cost.kernels`)
-    s, v (M,) power of field and noise;  tau (N,) noise of each channel relative to v, 1 for a healthy channel
-    u    C^-1 q;   d  diagonal of C^-1;   the other microphones predict q_n - u_n / d_n for channel n
+    x      (N, D) positions, metres;  a (N,) log gain, nepers;  b (N,) phase, radians
+    d      (N,) delay of a channel times the sound speed, metres
+    kappa  (N,) corner frequency of a first-order high-pass filter times 2 pi / c, rad/m
+    h      -log(1 - j kappa / k), response of the high-pass filter relative to the other channels; for kappa < 0 it is
+           the inverse of the filter with the corner -kappa
+    K      covariance of a field of unit power (`fdcal.cost.kernels`)
+    s, v   (M,) power of the field and of the noise;  tau (N,) noise of each channel relative to v, 1 if it is healthy
+    u      (M, N) C^-1 q. In formulas without a delay, d (M, N) is the diagonal of C^-1. The prediction of q_n by the
+           other microphones is q_n - u_n / d_n
 
-The cost is Eq. 7 with a Tikhonov weight v / s, divided by v, plus the log-determinant, which keeps it unbiased.
-It has no centre, no order and no truncation; translation, rotation and mirror images leave it unchanged. Without the
-determinant microphones diverge outward: far away the kernel tends to the identity, which fits any pressures.
+The cost is Eq. 7 with a Tikhonov weight v / s, divided by v, plus the log-determinant, which keeps it unbiased. It has
+no centre, no order and no truncation, and is invariant under translations, rotations and mirror images. Without the
+determinant the microphones would diverge outward, because the kernel of distant microphones tends to the identity,
+which fits any pressures.
 
 The parameters of a microphone are x, (x, a, b) or (x, a, b, d, kappa). With J = (D_1 u, .., D_D u, q dlog g / da, ..)
-and D_a the slope of s K, the gradient is -2 Re[conj(u) J] plus the derivatives of the log-determinant and of log g. The
-Gauss-Newton matrix is 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
+and D_a the derivative of s K, the gradient is -2 Re[conj(u) J] plus the derivatives of the log-determinant and of
+log g. The Gauss-Newton matrix is 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
 """
 
 import itertools
@@ -31,8 +35,8 @@ from ..model.validation import Complexes, Numbers, Reals
 from . import kernels
 from .kernels import Slopes
 
-MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
-ISOTROPIC_ORDERS = 10  # orders beyond ceil(k R) that make a sum of plane waves isotropic to 1e-9
+MIN_FIELD_FRACTION = 1e-3  # smallest power of the field over that of the pressures, so that C is never pure noise
+ISOTROPIC_ORDERS = 10  # orders above ceil(k R) with which a sum of plane waves is isotropic to 1e-9
 
 
 @dataclass(frozen=True)
@@ -45,27 +49,30 @@ class FieldModel:
     noise: Reals
     channel_noise: Reals  # (N,) float64, tau
     dimension: int  # 2 or 3, of the sound field
-    # (N, D) float64, metres, positions whose mean is the centre of the waves, which the gradient takes as fixed; None
-    # for those of the microphones
+    # (N, D) float64, metres, positions whose mean is the centre of the waves; the positions of the microphones if None.
+    # The gradient treats the centre as constant
     about: Reals | None = None
-    # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.noise`)
+    # (M, Q) float64, power by direction with a mean of 1 (`fdcal.cost.noise`); None if it is isotropic
     directions: Reals | None = None
 
     def powers(self, x: Reals) -> Reals | None:
-        """Return the power by direction (M, Q); None for an isotropic field whose covariance has a closed form."""
+        """Return the power by direction (M, Q), or None for an isotropic field whose covariance has a closed form."""
         if self.directions is not None or self.dimension == 3 or np.isrealobj(self.wavenumbers):
             return self.directions
         return np.ones((len(self.wavenumbers), kernels.directions_needed(x, self.wavenumbers, 2, ISOTROPIC_ORDERS)))
 
     def offsets(self, x: Reals) -> np.ndarray:
-        """Return positions (N, D) from the centre, metres."""
+        """Return the positions x (N, D) relative to the centre of the waves, metres."""
         return x - np.mean(x if self.about is None else self.about, axis=0)
 
 
 def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
-    """Return a diffuse field with the power of the pressures (M, N) minus the noise (M,), which all channels share."""
+    """Return a diffuse field whose power is that of the pressures (M, N) minus the noise (M,).
+
+    The wavenumbers (M,), rad/m, lose their imaginary part; the noise is equal in all channels.
+    """
     measured = mode_power(pressures)
-    power = np.maximum(measured - noise, MIN_FIELD_SHARE * measured)
+    power = np.maximum(measured - noise, MIN_FIELD_FRACTION * measured)
     return FieldModel(np.real(wavenumbers), power, np.asarray(noise), np.ones(int(pressures.shape[1])), dimension)
 
 
@@ -75,8 +82,8 @@ class Terms:
 
     cost: float
     costs: Reals  # (M,) float64, of every mode
-    # gradient, curvature: (N, P) and (N, P, N, P) float64, by the P parameters of every microphone, curvature by
-    # Gauss-Newton; None where only the cost was asked for
+    # gradient (N, P) and Gauss-Newton matrix (N, P, N, P), float64, with respect to the P parameters of every
+    # microphone; None if only the cost was asked for
     gradient: Reals | None
     curvature: Reals | None
     weighted: np.ndarray  # (M, N) complex128, u = C^-1 q
@@ -84,7 +91,7 @@ class Terms:
     corrected: np.ndarray  # (M, N) complex128, q
 
     def newton(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradient and curvature, of terms with derivatives."""
+        """Return gradient and curvature of terms that were computed with derivatives."""
         assert self.gradient is not None and self.curvature is not None
         return self.gradient, self.curvature
 
@@ -94,19 +101,20 @@ def likelihood_terms(
 ) -> Terms:
     """Return the terms at `positions` (N, D), metres, for `pressures` (M, N).
 
-    `channels` (N, 2) or (N, 4) holds a, nepers, b, radians, d, metres, and kappa, rad/m; without it all gains are 1
-    and the positions are the only parameters. Raises LinAlgError for a covariance that is not positive definite.
+    The columns of `channels`, (N, 2) or (N, 4), are a, nepers, b, radians, d, metres, and kappa, rad/m. Without it all
+    gains are 1 and the positions are the only parameters. Raises LinAlgError for positions that are not finite or a
+    covariance that is not positive definite.
     """
     x, diagonal = np.asarray(positions, float), np.arange(len(positions))
     if not np.isfinite(x).all():  # LAPACK factorises a matrix of NaN without an error
         raise np.linalg.LinAlgError("positions are not finite")
     log_gain, by_parameter = log_response(channels, np.real(field.wavenumbers))
     q = np.asarray(pressures, complex) * np.exp(-log_gain)
-    if field.directions is not None and np.isrealobj(field.wavenumbers):  # computed once, before the threads start
+    if field.directions is not None and np.isrealobj(field.wavenumbers):  # fills the cache before the threads start
         kernels.cosines_and_sines(field.offsets(x), field.wavenumbers, field.directions.shape[1], field.dimension)
 
     def of_block(m: slice) -> tuple[np.ndarray, ...]:
-        """Return costs (B,), u and d (B, N), gradients (B, N, P) and the sum of the curvatures of some modes."""
+        """Return costs (B,), u and d (B, N) and gradients (B, N, P) of B modes, and the sum of their curvatures."""
         C, sloped = field_covariance(x, field, m, derivatives)
         C *= field.power[m, None, None]
         C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
@@ -139,7 +147,7 @@ def likelihood_terms(
 
 
 def _largest(x: Reals, field: FieldModel) -> int:
-    """Return how many numbers the largest array of one mode has."""
+    """Return the number of elements of the largest array of one mode."""
     powers = field.powers(x)
     if powers is None:
         return len(x) ** 2
@@ -147,7 +155,10 @@ def _largest(x: Reals, field: FieldModel) -> int:
 
 
 def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return log g, complex128, and its derivatives by the parameters, in shapes that broadcast to (M, N)."""
+    """Return log g, complex128, and its derivatives with respect to the parameters of each channel.
+
+    All have shapes that broadcast to (M, N). `channels` are as in `likelihood_terms`; wavenumbers (M,), rad/m.
+    """
     if channels is None:
         return np.zeros((1, 1), complex), []
     constant = (channels[:, 0] + 1j * channels[:, 1])[None]
@@ -161,9 +172,9 @@ def log_response(channels: Reals | None, wavenumbers: Reals) -> tuple[np.ndarray
 
 
 def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
-    """Return K (M, N, N) of a field of unit power for the modes `m`, and a function of its slope.
+    """Return K (M, N, N) of a field of unit power for the modes `m`, and a function that applies its derivative.
 
-    That function is the one of `fdcal.cost.kernels.plane_wave_covariance`; it may be called with `derivatives` only.
+    The function is that of `fdcal.cost.kernels.plane_wave_covariance`; it may only be called if `derivatives` is true.
     """
     powers, k = field.powers(x), field.wavenumbers
     if powers is not None:
@@ -176,18 +187,24 @@ def field_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -
 
 
 def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
+    """Return the two results of `Slopes` for vectors u and Hermitian matrices `traced`, the P of `Slopes`.
+
+    D is (D, M, N, N), or S (M, N, N) of `diffuse_matrices`, with D_a = S (x_i - x_j)_a.
+    """
     if D.ndim == 4:
         g = np.array([kernels.applied(slope, u) for slope in D])
         return g, np.array([np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
-    moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))  # D_a = S (x_i - x_j)_a
+    moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))
     Su = np.matmul(D, moments.view(float)).view(complex)
     rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x]))
     return np.moveaxis(x * Su[..., :1] - Su[..., 1:], 2, 0), np.moveaxis(x * rows[..., :1] - rows[..., 1:], 2, 0)
 
 
 def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
-    """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : (M, N)."""
+    """Return the eigenvalues of T^-1/2 K T^-1/2, and |e^H T^-1/2 q|^2 for its eigenvectors e : (M, N) each, float64.
+
+    T is the diagonal matrix of the channels' noise, and q are the `corrected` pressures (M, N).
+    """
     x, weight = np.asarray(positions, float), 1 / np.sqrt(field.channel_noise)
 
     def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:

@@ -1,13 +1,13 @@
 """Maps of the cost of moving one microphone, for display: planes, lines and volumes of any resolution.
 
-    eq7_maps, cost_volume           Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
-    descent_maps                    Eq. 7 as a step of descent minimises it
-    likelihood_maps                 the likelihood, which the other solvers minimise
-    cost_maps                       one of these, as the page asks for it
+    eq7_maps, cost_volume           Eq. 7 with fixed orders, relative to the power: the page can show it for any solver
+    descent_maps                    Eq. 7 as a step of solver "descent" minimises it
+    likelihood_maps                 the negative log-likelihood, which the other solvers minimise
+    cost_maps                       one of these, as the page requests it
     partial_sums                    the map while modes are added one by one
-    map_minima, minima_of           what is marked on a map
-    landscape_panels                the landscapes of one microphone, mode by mode and summed: the paper's Fig. 1
-    mode_shape                      the sound field of one mode, as the microphones recorded it
+    map_minima, minima_of           the marks on a map
+    landscape_panels                the landscapes of one microphone, for each mode and their sum: the paper's Fig. 1
+    mode_shape                      the sound field of one mode, reconstructed from the recorded pressures
 
 The spacing of a lattice is far smaller than the detail of the field. With microphone n at x, all costs are simple
 functions of two fields, such as r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
@@ -15,9 +15,9 @@ functions of two fields, such as r0 + |p_n - f|^2 / (1 + h) in `fdcal.cost.eq7`:
     f(x)   prediction of the pressure at x by the other microphones, which has no wavenumber above k
     h(x)   variance of the error of this prediction, which has no wavenumber above 2 k
 
-Both are computed at a few dozen Chebyshev nodes along each axis and interpolated, exactly to rounding errors; the
-quotient is taken afterwards. Maps on different lattices therefore agree at shared points. In three dimensions a map is
-the horizontal layer at the microphone's height.
+Both are computed at a few dozen Chebyshev nodes along each axis and interpolated to the lattice, exactly except for
+rounding errors; the cost is computed from them afterwards. Maps on different lattices therefore agree at common points.
+In three dimensions a map shows the horizontal layer at the height of the microphone.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from .kernels import diffuse_correlation
 from .likelihood import isotropic_field
 from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 
-NEGLIGIBLE = 1e-15  # Chebyshev coefficients of a map below it are omitted
+NEGLIGIBLE = 1e-15  # size below which the Chebyshev coefficients of a map are omitted
 VOLUME_NEGLIGIBLE = 1e-8  # the same for a volume
-MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the same time, 160 MB
+MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the same time; they take 160 MB
 FINE = 500  # points along the longer edge of a fine map
 
 
@@ -64,14 +64,14 @@ def node_counts(
 ) -> tuple[int, ...]:
     """Return the numbers of nodes along each axis that resolve wavenumbers up to 2 k, where k is `wavenumber`, rad/m.
 
-    They are multiples of 4, so that modes share their tables. Chebyshev coefficients of a plane wave of wavenumber 2 k
-    below `negligible` are omitted.
+    They are multiples of 4, so that several modes can use the same tables. They suffice for all Chebyshev coefficients
+    of a plane wave of wavenumber 2 k that are not below `negligible`.
     """
     low, high = area(search, dimension)
     counts: list[int] = []
     for half in (high - low) / 2:
         z = 2 * wavenumber * half
-        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
+        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # the coefficients are J_l(z), which decrease for l > z
         counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < negligible)]) // 4 + 1))
     return tuple(counts)
 
@@ -79,7 +79,7 @@ def node_counts(
 def node_points(search: Search, counts: Sequence[int], height: Sequence[float] | Reals) -> np.ndarray:
     """Return the nodes of the domain, `counts` along each axis : (C, D) metres, x fastest.
 
-    `height` holds further coordinates that all nodes share: z (1,) for a layer in space, otherwise nothing.
+    `height` is z (1,), common to all nodes, for a horizontal layer in space, and otherwise empty.
     """
     low, high = area(search, len(counts))
     axes = [a + (b - a) * (1 + chebpts1(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
@@ -88,7 +88,7 @@ def node_points(search: Search, counts: Sequence[int], height: Sequence[float] |
 
 
 def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np.ndarray:
-    """Return the matrix (P, count) that interpolates from the nodes of `domain` to places (P,), metres, on one axis."""
+    """Return the matrix (P, count) that interpolates on an axis from the nodes of `domain` to places (P,), metres."""
     low, high = area(domain, len(domain.origin))[:, axis]
     weight = np.full(count, 2.0 / count)
     weight[0] /= 2
@@ -104,12 +104,15 @@ def _onto_lattice(domain: Search, search: Search, counts: tuple[int, ...]) -> li
 
 
 def _stacked(h: np.ndarray, f: np.ndarray, counts: Sequence[int]) -> np.ndarray:
-    """Return h, Re f and Im f, each (C,) at the nodes, as one array : (3, [nz,] ny, nx) float64."""
+    """Return h and f, each (C,) at the nodes, as one array of h, Re f and Im f : (3, [nz,] ny, nx) float64."""
     return np.stack([h, np.real(f), np.imag(f)]).reshape(3, *counts[::-1])
 
 
 def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
-    """Return h, Re f and Im f on a lattice from `_stacked` ones, by the matrices of `_from_nodes` along x, y and z."""
+    """Return h, Re f and Im f on a lattice, (3, [nz,] ny, nx), from `values` at the nodes (see `_stacked`).
+
+    `onto` are the matrices of `_from_nodes` along x, y and, for a volume, z.
+    """
     values = onto[1] @ (values @ onto[0].T)
     if len(onto) == 3:
         values = (onto[2] @ values.reshape(3, len(values[0]), -1)).reshape(3, -1, *values.shape[2:])
@@ -122,36 +125,36 @@ def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class NodeTerms:
-    """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes."""
+    """The contribution of one mode to the cost: its fit without the microphone, and h, Re f and Im f at the nodes."""
 
     fit: eq7.LeaveOneOutFit
     values: Reals  # (3, [nz,] ny, nx) float64
 
     @property
     def counts(self) -> tuple[int, ...]:
-        """Numbers of nodes along x, y and, of a volume, z."""
+        """Numbers of nodes along x, y and, for a volume, z."""
         return self.values.shape[:0:-1]
 
     def on(self, onto: list[np.ndarray]) -> np.ndarray:
-        """Return the cost on a lattice ([nz,] ny, nx), from the matrices of `_from_nodes` along x, y and z."""
+        """Return the cost on a lattice ([nz,] ny, nx); `onto` are the matrices of `_from_nodes` along its axes."""
         return self.fit.cost(*_interpolated(self.values, onto))
 
 
 @dataclass(frozen=True)
 class MovedMicrophone:
-    """The terms of Eq. 7 with microphone `n` anywhere and the others at their positions, at one fixed order."""
+    """The terms of Eq. 7, with microphone `n` anywhere and the others at their positions, for fixed orders."""
 
     problem: Problem
-    expansion: eq7.FieldExpansion  # of the order
+    expansion: eq7.FieldExpansion  # has the order of each mode
     positions: Reals  # (N, D) float64, metres
-    n: int
-    centre: Reals  # (D,) float64, metres, of the expansion
-    pressures: Complexes  # (M, N) complex128, of all modes of the problem, times `scale`
-    scale: Reals  # (N,) float64, root of the weight of each microphone
+    n: int  # counted from 0
+    centre: Reals  # (D,) float64, metres, centre of the expansion
+    pressures: Complexes  # (M, N) complex128, pressures of all modes of the problem, times `scale`
+    scale: Reals  # (N,) float64, square root of the weight of each microphone
 
     @property
     def domain(self) -> Search:
-        """The search domain, over which nodes are laid."""
+        """The search domain, which the nodes cover."""
         return eq7.search_domain(self.problem)
 
     def fits(self, modes: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, eq7.LeaveOneOutFit, np.ndarray]]:
@@ -169,7 +172,7 @@ class MovedMicrophone:
     def at_nodes(
         self, modes: Sequence[int], dimension: int = 2, negligible: float = NEGLIGIBLE
     ) -> Iterator[tuple[int, NodeTerms]]:
-        """Yield each of `modes`, counted from 1, with its terms at the nodes along x, y and, of three dimensions, z."""
+        """Yield each of `modes`, counted from 1, with its terms at the nodes along x, y and, if `dimension` is 3, z."""
         k = np.real(self.problem.wavenumbers)
         counts = [node_counts(self.domain, float(k[mode - 1]), dimension, negligible) for mode in modes]
         for shape in sorted(set(counts)):
@@ -179,7 +182,7 @@ class MovedMicrophone:
                 yield mode, NodeTerms(fit, _stacked(*fit.terms(rows), shape))
 
     def maps(self, modes: Sequence[int], search: Search | None) -> np.ndarray:
-        """Return the cost of each of `modes` over a lattice, the domain's unless given : (P, ny, nx)."""
+        """Return the cost of each of `modes` on the lattice `search`, by default that of the domain : (P, ny, nx)."""
         search, numbers = self.domain if search is None else search, np.asarray(modes)
         maps = np.empty((len(numbers), *search.shape[1::-1]))
         for mode, terms in self.at_nodes(modes):
@@ -187,7 +190,7 @@ class MovedMicrophone:
         return maps
 
     def power(self, modes: Sequence[int]) -> float:
-        """Return the power of the pressures of `modes`, to which the cost on the page is relative."""
+        """Return the power of the pressures of `modes`, by which the cost on the page is divided."""
         return float(np.sum(np.abs(self.pressures[np.asarray(modes) - 1]) ** 2))
 
 
@@ -201,7 +204,8 @@ def _on_the_page(
 ) -> MovedMicrophone:
     """Return the terms of the reference cost of `fdcal.cost.eq7`, with the order of each mode fixed by `order_offset`.
 
-    They depend neither on the solver nor on the choice of modes.
+    The terms of a mode depend neither on the solver nor on the other modes that are chosen. Raises InputError if the
+    microphones cannot carry one of `modes`.
     """
     eq7.require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)
@@ -214,9 +218,10 @@ def eq7_maps(
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
 
-    `modes` (P,) count from 1; `order_offset`: added to ceil(k R) in the order of every mode; `search`: lattice within
-    the area of the problem's search domain; that domain's own unless given; `channels`: gains and noise that the solver
-    estimates; None for the pressures as recorded.
+    `modes` (P,) count from 1. `order_offset` is added to ceil(k R) in the order of every mode. `search` is a lattice
+    inside the search domain of the problem, by default the domain's own. `channels` are the gains and the noise that
+    the solver has estimated; with None the recorded pressures are used. Raises InputError if the microphones cannot
+    carry one of `modes`.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     return moved.maps(modes, search) / moved.power(modes)
@@ -228,12 +233,15 @@ class CostVolume:
 
     domain: Search
     modes: tuple[NodeTerms, ...]
-    power: float  # of the pressures of all these modes, to which the cost is relative
+    power: float  # power of the pressures of all these modes, by which the cost is divided
 
     def on(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, cancelled: Callable[[], bool] = lambda: False
     ) -> np.ndarray | None:
-        """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx); None once cancelled."""
+        """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx).
+
+        `cancelled` is asked before each mode; if it returns True, the result is None.
+        """
         places = [np.atleast_1d(np.asarray(axis, float)) for axis in (x, y, z)]
 
         @functools.cache
@@ -256,7 +264,7 @@ def cost_volume(
     """Return the cost of `eq7_maps`, summed over `modes`, with microphone `n` anywhere in the search domain.
 
     The result is None if `cancelled` returns True before the end. Chebyshev coefficients below `negligible` are
-    omitted; a larger value saves time.
+    omitted; a larger value saves time. Raises InputError for an array in a plane.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
@@ -273,15 +281,16 @@ def descent_maps(
     problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int, known_weight: float = 1.0,
     centre: Reals | None = None, search: Search | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """Return what a step of descent on microphone `n` minimises, for each of `modes`, counted from 1 : (P, ny, nx).
+    """Return the cost that a step of "descent" on microphone `n` minimises, for each of `modes` : (P, ny, nx).
 
-    The squared residuals of known microphones have the weight `known_weight`, and the expansion is about `centre` (D,),
-    metres: the point of the search lattice nearest to the centre of mass unless given. `search` is as of `eq7_maps`.
+    `modes` count from 1. The squared residuals of known microphones have the weight `known_weight`. The expansion is
+    about `centre` (D,), metres, by default the point of the search lattice that is nearest to the centroid of the
+    microphones. `search` is as in `eq7_maps`.
     """
     eq7.require_carried(problem, modes, order_offset)
     x, domain = np.asarray(positions, float), eq7.search_domain(problem)
     scale = np.sqrt(eq7.known_weights(problem, known_weight))
-    scale[n] = 1.0  # also of a known microphone: it is the one that is moved
+    scale[n] = 1.0  # even if this microphone is known, because here it is moved
     if centre is None:
         centre = domain.nearest(x.mean(axis=0))
     expansion, pressures = eq7.expansion_of(problem, order_offset), scale * problem.pressures
@@ -296,12 +305,13 @@ def likelihood_maps(
 ):
     """Return the cost of every mode with microphone `n` moved : (modes, ny, nx) float64.
 
-    It is that of `fdcal.cost.likelihood`, for real wavenumbers and a diffuse field. With s and v the power of field
+    It is the cost of `fdcal.cost.likelihood` for real wavenumbers and a diffuse field. With s and v the power of field
     and noise, and V = 1 + h,
 
         cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
 
-    `noise` (modes,), v, in the unit of abs(pressures)**2; the maps are exact if it is at least 1e-6 of the power.
+    `noise` (modes,) is v, in the unit of abs(pressures)**2. The maps are exact if v is at least 1e-6 of the power.
+    Raises LinAlgError for positions that are not finite.
     """
     x, domain = np.ascontiguousarray(positions, float), eq7.search_domain(problem)
     if not np.isfinite(x).all():
@@ -317,7 +327,8 @@ def likelihood_maps(
     maps: list[np.ndarray] = []
     for m, (k, s, v) in enumerate(zip(field.wavenumbers.tolist(), field.power, field.noise, strict=True)):
         counts, rest = node_counts(domain, k), np.delete(p[m], n)
-        # With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2.
+        # With C_-n = G G^T, c the covariance between the others and a node, and t = G^-1 c, the prediction is
+        # f = t^T G^-1 p_-n, and the variance of its error is v V = s + v - |t|^2.
         G = np.linalg.cholesky(s * diffuse_correlation(k * between, problem.dimension) + v * np.eye(len(rest)))
         inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
         y = inverse @ rest
@@ -348,8 +359,8 @@ def cost_maps(
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes`, counted from 1, with microphone `n` moved : (P, ny, nx).
 
-    It is Eq. 7 at a fixed order, `order_offset` added to ceil(k R), or, without one, what the solver minimises. Eq. 7
-    is relative to the power of all `modes`.
+    With `order_offset`, the cost is Eq. 7 at the fixed orders ceil(k R) + `order_offset`; if that is None, it is the
+    cost that the solver minimises. Eq. 7 is relative to the power of all `modes`.
     """
     if order_offset is not None:
         return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
@@ -361,9 +372,10 @@ def cost_maps(
 def mode_powers(
     problem: Problem, solver: HasLandscape, state: Any, modes: Sequence[int], order_offset: int | None
 ) -> Reals | None:
-    """Return the power of each of `modes` (P,), to which a map of Eq. 7 is relative; None for a map of a likelihood.
+    """Return the power (P,) of `modes`, by whose sum a map of Eq. 7 is divided; None for a map of a likelihood.
 
-    A solver that moves single microphones also minimises Eq. 7, with a weight for known microphones.
+    Without `order_offset` the map is that of the solver. A solver that moves one microphone at a time also minimises
+    Eq. 7, with a weight for known microphones.
     """
     if order_offset is None and solver.TRAITS.moves_all:
         return None
@@ -374,7 +386,7 @@ def mode_powers(
 
 @dataclass(frozen=True)
 class PartialSum:
-    """The map of some modes."""
+    """The map of the modes that have been added so far."""
 
     modes: tuple[int, ...]  # in the order in which they were added, counted from 1
     cost: Reals  # (ny, nx) float64; Eq. 7 is relative to the power of these modes
@@ -385,19 +397,19 @@ def partial_sums(
     problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
     search: Search | None = None, counts: Sequence[int] | None = None,
 ) -> Iterator[PartialSum]:  # fmt: skip
-    """Yield the map of the first of `modes`, of the first two, and so on to all of them.
+    """Yield the map of the first of `modes`, then of the first two, and so on up to all P of them.
 
-    The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts`,
-    ascending, are the numbers of modes whose sums are yielded, 1 to P unless given.
+    Each step only computes the map of one mode. Parameters are as in `cost_maps`, with which each sum agrees. `counts`,
+    ascending, are the numbers of modes whose sums are yielded, by default 1 to P.
     """
     search = eq7.search_domain(problem) if search is None else search
     modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
     powers = mode_powers(problem, solver, state, modes, order_offset)
-    share = np.ones(len(modes)) if powers is None else powers / powers.sum()
+    weights = np.ones(len(modes)) if powers is None else powers / powers.sum()
     total, power = np.zeros(1), 0.0
     for i, mode in enumerate(modes):
-        total = total + share[i] * cost_maps(problem, solver, state, n, (mode,), order_offset, search)[0]
-        power += share[i]
+        total = total + weights[i] * cost_maps(problem, solver, state, n, (mode,), order_offset, search)[0]
+        power += weights[i]
         if i + 1 in counts:
             cost = total if powers is None else total / power
             yield PartialSum(modes[: i + 1], cost, minima_of(cost, search))
@@ -407,10 +419,10 @@ def map_minima(
     problem: Problem, solver: HasLandscape, state: SolverState, n: int, modes: Sequence[int], order_offset: int | None,
     cost: Reals, search: Search,
 ) -> Minima:  # fmt: skip
-    """Return what is marked on the map of `cost_maps`, summed over `modes`, whatever its lattice.
+    """Return the marks on a map of `cost_maps` that is summed over `modes`; they hardly depend on its lattice.
 
-    `cost` (ny, nx) float64: the map on the lattice `search`. The minima of a sum of few modes are those on a fine
-    lattice.
+    `cost` (ny, nx) float64 is the map on the lattice `search`. For few modes the map is computed again on a fine
+    lattice, whose minima are returned.
     """
     lattice = lattice_of(problem, modes)
     if max(lattice.shape[:2]) > max(search.shape[:2]):
@@ -426,7 +438,7 @@ def lattice_of(problem: Problem, modes: Sequence[int]) -> Search:
 
 def minima_of(cost: Reals, search: Search) -> Minima:
     """Return the marks on a map (ny, nx) or volume (nz, ny, nx) over the lattice `search`."""
-    from .basins import basins_of  # compiled code, loaded with the first map
+    from .basins import basins_of  # imported here: it loads the compiler, which the first picture does not need
 
     values, found = on_scale(cost), basins_of(cost).minima
     lowest = np.array(np.unravel_index(values.argmin(), values.shape))[None]
@@ -448,12 +460,13 @@ def mode_shape(
     n: int | None = None,
     search: Search | None = None,
 ) -> tuple[np.ndarray, float]:
-    """Return the pressure of one mode over a lattice (ny, nx), reconstructed from the microphones but `n`, and at `n`.
+    """Return the pressure (ny, nx) of one mode on a lattice, and the measured pressure of microphone `n`.
 
-    The map is the real part of W alpha (Eq. 6) at the phase with most pressure, normalised to a peak of 1. It agrees
-    with the field of the room between the microphones if the positions are right. The second value is the measured
-    pressure of microphone `n`, counted from 0, in the same scale; NaN if `n` is None. `search` is the lattice, by
-    default the solver's.
+    The map is reconstructed from all microphones except `n`, counted from 0. It is the real part of W alpha (Eq. 6) at
+    the phase with the most power, normalised to a peak of 1. If the positions are right, it agrees with the field in
+    the room between the microphones. The second value has the same scale; it is NaN if `n` is None. `mode` counts from
+    1; `search` is the lattice, by default that of the problem. Raises InputError in three dimensions or without a
+    search domain.
     """
     search = problem.search if search is None else search
     if problem.dimension != 2 or search is None:
@@ -461,7 +474,7 @@ def mode_shape(
         raise InputError(fault, "give <search> and <radius>", key="search")
     positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     others = np.flatnonzero(np.arange(len(positions)) != n)
-    # fewer functions, 2L + 1, than microphones (Eq. 8)
+    # the number of functions, 2L + 1, must be below that of the microphones (Eq. 8)
     L = min(int(max_order(k, search.radius, order_offset)), (len(others) - 2) // 2)
     centre = positions[others].mean(axis=0)
     p, scale = equalised(problem.pressures[mode - 1], channels)
@@ -476,7 +489,10 @@ def mode_shape(
 
 
 def refined(search: Search, count: int = FINE) -> Search:
-    """Return a lattice of one layer of the same area, edge cells included, `count` points along the longer edge."""
+    """Return a finer lattice of one layer over the same area, including edge cells.
+
+    It has `count` points along the longer edge.
+    """
     step = search.step * max(search.shape[:2]) / count
     corner = np.subtract(search.origin[:2], search.step / 2)
     numbers = [max(round(search.step * n / step), 2) for n in search.shape[:2]]
@@ -486,13 +502,16 @@ def refined(search: Search, count: int = FINE) -> Search:
 
 
 def map_positions(indices: ArrayLike, search: Search) -> np.ndarray:
-    """Return the positions (K, 2), metres, of indices (K, 2) of rows and columns; of a volume (K, 3), layers first."""
+    """Return the positions (K, D), metres, of indices (K, D): row and column; in a volume layer, row and column."""
     places = np.asarray(indices)[:, ::-1]
     return np.asarray(search.origin)[: places.shape[1]] + search.step * places
 
 
 def interpolate(cost: np.ndarray, search: Search, point: ArrayLike) -> float:
-    """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, of the nearest edge."""
+    """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, by bilinear interpolation.
+
+    Outside the lattice it is the value at the nearest point of the edge.
+    """
     place = (np.asarray(point, float)[:2] - search.origin[:2]) / search.step
     return float(map_coordinates(cost, place[::-1, None], order=1, mode="nearest")[0])
 
@@ -507,20 +526,21 @@ class LandscapePanels:
     Attributes
     ----------
     microphone : int
-        Counted from 0.
+        Number of the microphone, from 0.
     modes : (P,) int64
-        Counted from 1.
+        Modes that have a map, counted from 1.
     frequencies : (P,) float64
-        Hz.
+        Their frequencies, Hz.
     maps : (P + 1, ny, nx) float64
-        Dimensionless; one for each mode, the last their sum; row 0 at low y.
+        One map for each mode, then that of the sum, dimensionless. Row 0 has the lowest y.
     minima : (P + 1, 2) float64
-        Metres, the minimum of each map.
+        Position of the lowest point of each map, metres.
     search : Search
+        Lattice of the maps.
     mode_count : int
-        Modes in the sum, not all of which need a map here.
+        Number of modes in the sum, which may be more than have a map.
     marks : tuple of Minima
-        Of each map, the lowest costs and the other local minima.
+        The lowest costs and the other local minima of each map.
     """
 
     microphone: int
@@ -532,20 +552,21 @@ class LandscapePanels:
     mode_count: int
     marks: tuple[Minima, ...]
 
-    plot: ClassVar[Callable[..., Any]]  # a figure; `fdcal.METHODS` binds it
+    plot: ClassVar[Callable[..., Any]]  # draws a figure; `fdcal.METHODS` binds it
 
 
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
     """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
-    `modes` count from 1; `order_offset` is added to the order of Eq. 3.
+    `modes` count from 1; `order_offset` is added to the order of Eq. 3. Raises InputError for a field of three
+    dimensions, or if the microphones cannot carry one of the modes.
     """
     eq7.require_plane_field(problem)
     if problem.search is not None:
         eq7.require_modes(problem, order_offset, max(modes))
     maps, search = descent_maps(problem, positions, n, modes, order_offset), eq7.search_domain(problem)
     fine, marks, total = refined(search), [], np.zeros(1)
-    for mode in modes:  # a mode alone has its minima on a fine lattice: `fdcal.cost.scale`
+    for mode in modes:  # the minima of a single mode need a fine lattice (FEW_MODES)
         cost = descent_maps(problem, positions, n, (mode,), order_offset, search=fine)[0]
         marks.append(minima_of(cost, fine))
         total = total + cost
@@ -557,10 +578,10 @@ def panels_of(
     maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int,
     marks: Sequence[Minima] | None = None,
 ) -> LandscapePanels:  # fmt: skip
-    """Return panels of maps that exist, the last of the sum.
+    """Return the panels of given maps, with that of the sum as the last.
 
-    `maps` (P, ny, nx), of `modes`, counted from 1; `total` (ny, nx), the sum over `count` modes; `marks`: of the maps
-    and the sum, found on their lattice unless given.
+    `maps` (P, ny, nx) are those of `modes`, counted from 1; `total` (ny, nx) is the sum over `count` modes. `marks` are
+    those of the maps and of the sum; by default they are found on the lattice of the maps.
     """
     drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
     lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))

@@ -1,37 +1,39 @@
-"""The noise, and the power of the field and its dependence on direction, that make the pressures most likely.
+"""The most likely noise, and the most likely power of the field and its dependence on direction.
 
-With the eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
-sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). A position error of sigma e adds noise of the power
-k^2 e^2 / dimension, which is that of the field's gradient times e^2. Inaccurate positions therefore explain low modes
-better than high ones.
+With the eigendecomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), the negative
+log-likelihood is sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). A position error of RMS length e adds
+noise of the power k^2 e^2 / dimension, relative to the field, since the pressure changes by its gradient times the
+error. Inaccurate positions therefore explain the pressures better at low frequencies than at high ones.
 
-Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which only needs
-u = C^-1 q and d = diag C^-1. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m
-determines,
+Power s_m and channel noise tau_n are found by a fixed-point iteration on the derivative of the likelihood, which only
+needs u = C^-1 q and d = diag C^-1. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that
+mode m determines,
 
     s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
     tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
 
 An inverse gamma prior adds a number of observations of an expected value to the numerator and the denominator.
 
-The power by direction consists of a spectrum for each take, and the deviations of its rows from it:
+The power by direction of a row is that of its take, plus a deviation:
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
-With all S_q = 1 this is the diffuse field. A room is not diffuse: the direct sound and the early reflections of one
-source come from the same directions A_q at every frequency, and each resonance consists of a few plane waves. Assuming
-a diffuse field biases the positions, and few microphones cannot determine a spectrum for each row alone. With
+If all S_q are 1, the field is diffuse. The field in a room is not: the direct sound and the early reflections of one
+source come from the same directions at every frequency, and each resonance consists of a few plane waves. Assuming a
+diffuse field biases the positions, but a few microphones cannot determine the power by direction of a single row. It
+is therefore learned together with A_q, that of all rows of the take. With
 
     alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the number of observations of direction q in a row (at most 1),
 
-one step of expectation and maximisation for a single row is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). The spectrum of a
-take follows from all its rows by a step of majorisation and minimisation, which converges much faster where few
-microphones resolve little (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794):
+one step of expectation-maximisation for a single row is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). A_q follows from all
+rows of the take by a step of majorisation-minimisation, which converges much faster if few microphones resolve the
+directions poorly (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 794):
 
     A_q <- A_q sqrt[(sum |alpha_q|^2 / s + c_q / A_q) / (sum r_q + c_q)],    c_q = ISOTROPY w_q sum_q sum r_q
 
-c is an inverse gamma prior of mode 1. Without it sharper and sharper spectra would explain smaller and smaller arrays.
-Finally S <- (S + count A) / (1 + count), where `count` is the weight of the take. S and A have the mean 1.
+Here c is the weight of an inverse gamma prior of mode 1. Without this prior, ever sharper spectra would explain ever
+smaller arrays. Finally S <- (S + count A) / (1 + count), where `count` is the weight of the take. S and A have the
+mean 1.
 """
 
 from dataclasses import dataclass
@@ -44,7 +46,7 @@ from . import kernels
 from .likelihood import FieldModel, Terms, spectra
 
 MAX_NOISE_FRACTION = 0.7  # largest noise fraction of an estimate
-# least noise fraction with the diffuse kernel, because it leaves that much of a damped field unexplained
+# smallest noise fraction with the diffuse kernel, which leaves that fraction of a damped field unexplained
 DIFFUSE_FLOOR = 1e-6
 
 
@@ -53,14 +55,18 @@ class NoiseEstimate:
     """Noise and position error that explain the residual."""
 
     noise_fraction: float  # noise over the mean power
-    spread: float  # metres, one sigma of the position error
-    alone: float  # noise over the mean power if the positions had no error
-    cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
+    spread: float  # metres, RMS length of the position error
+    alone: float  # noise over the mean power under the assumption that the positions have no error
+    cost: float  # negative log-likelihood with `noise_fraction` and `spread`, up to a constant
 
 
 def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_fraction: float) -> NoiseEstimate:
-    """Return the likeliest noise and position error; `corrected` (M, N) has unit mean power."""
-    from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
+    """Return the most likely noise and position error.
+
+    `positions` (N, D), metres; `corrected` (M, N) pressures of unit mean power; `min_fraction` is the smallest noise
+    fraction that is considered.
+    """
+    from scipy.optimize import minimize, minimize_scalar  # imported here: it takes longer to load than all solvers
 
     values, along = spectra(positions, corrected, field)
     values = values * field.power[:, None]
@@ -83,24 +89,23 @@ def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 
 
-# bounds on the power of the field over that of the pressures; a singular covariance without noise would let it diverge
-MIN_POWER = 1e-3
-MAX_POWER = 1e3
+MIN_POWER = 1e-3  # smallest expected power of the field over the power of the pressures
+MAX_POWER = 1e3  # largest power over its expectation; without noise, a singular covariance would let it diverge
 
 
 def expected_power(field: FieldModel, corrected: Numbers) -> np.ndarray:
-    """Return the mean power (M,) of the corrected pressures minus the noise, with less weight for noisy channels."""
+    """Return the mean power of the corrected pressures minus the noise : (M,); noisy channels have less weight."""
     q2 = np.abs(corrected) ** 2
     weight = 1 / (1 + field.channel_noise * field.noise[:, None])
     mean = np.sum(weight * q2, axis=1) / np.sum(weight, axis=1)
     return np.maximum(mean - field.noise, MIN_POWER * mean)
 
 
-POWER_COUNT = 2.0  # weight of the expected power in observations
+POWER_COUNT = 2.0  # weight of the expected power, as a number of observations
 
 
 def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
-    """Return the power s (M,) of the field after one iteration of the fixed point."""
+    """Return the power s (M,) of the field after one step of the fixed-point iteration."""
     v = field.noise[:, None] * field.channel_noise
     gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
     energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
@@ -109,14 +114,14 @@ def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
     return np.clip(fresh, 1e-2 * expected, MAX_POWER * expected)
 
 
-CHANNEL_COUNT = 6.0  # weight of the expectation tau = 1 in observations
+CHANNEL_COUNT = 6.0  # weight of the expectation tau = 1, as a number of observations
 # bounds on tau
 MIN_CHANNEL_NOISE = 0.3
 MAX_CHANNEL_NOISE = 1e6
 
 
 def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
-    """Return the relative noise tau (N,) of the channels, of median 1, after one iteration of the fixed point."""
+    """Return the relative noise tau (N,) of the channels, of median 1, after one step of the fixed-point iteration."""
     v, tau, count = field.noise[:, None], field.channel_noise, CHANNEL_COUNT
     left = tau * np.sum(v * terms.precision, axis=0)
     seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
@@ -125,7 +130,7 @@ def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
 
 
 def hyper_cost(field: FieldModel, corrected: Numbers) -> float:
-    """Return -log density of power and channel noise in their priors, up to a constant."""
+    """Return the negative log density of power and channel noise under their priors, up to a constant."""
     ratio, tau = expected_power(field, corrected) / field.power, field.channel_noise
     of_power = POWER_COUNT * np.sum(ratio - 1 - np.log(ratio))
     return float(of_power + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
@@ -139,8 +144,8 @@ def learned_powers(
 ) -> np.ndarray:
     """Return the power by direction (M, Q) float64 after some iterations that start from `field.directions`.
 
-    x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, of each row; count : weight of the
-    take's spectrum in that of each row. The field must have directions.
+    x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, the take of each row; count : weight
+    of A in S. `field.directions` must not be None.
     """
     powers = field.directions
     assert powers is not None
@@ -169,9 +174,9 @@ def learned_powers(
 
 
 def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return |alpha|^2 / s and r, (M, Q) each, at S (M, Q).
+    """Return |alpha|^2 / s and r, (M, Q) each, for the power S (M, Q) by direction.
 
-    waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
+    waves : (M, Q, N), over the root of the channels' noise; p : (M, N), over that root and sqrt(s); mu : (M, 1), v / s
     """
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
@@ -179,7 +184,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
     X = np.linalg.cholesky(C)
     (invert,) = get_lapack_funcs(("trtri",), (X,))
     for one in X:
-        invert(one.T, lower=0, overwrite_c=1)  # the transpose of a row-major matrix is column-major: no copy
+        invert(one.T, lower=0, overwrite_c=1)  # LAPACK needs a column-major matrix: one.T is one, without a copy
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)

@@ -1,13 +1,13 @@
 """The colour scale of a cost map, and the rule for the marks on it, common to page, pictures, files and replays.
 
-A map shows DECADES decades of cost below its highest value, or fewer if it spans fewer. A local minimum counts if the
-climb from it to a lower one exceeds the fraction DEPTH of this scale, which is 1 dB of the full 40 dB. Positions whose
-cost exceeds the lowest one by less than that fit as well as the lowest. Colours reach from the 2nd to the 98th
-percentile of the costs, and over LEAST_RANGE at least. Costs below the end of the scale keep their order but hardly
-differ: a valley that reaches below it is one minimum, and all such valleys fit equally well. A map with negative
-values, such as a log-likelihood, has a linear scale from its lowest to its highest value.
+A map shows DECADES decades of cost below its highest value, or fewer if the costs span fewer. A local minimum counts if
+the climb from it to a lower minimum exceeds the fraction DEPTH of this scale, which is 1 dB of the full 40 dB. Minima
+whose cost is within this fraction of the lowest cost fit the data as well as the lowest one. Colours range from the
+2nd to the 98th percentile of the costs, and over LEAST_RANGE at least. Costs below the end of the scale keep their
+order but hardly differ, so that a valley that reaches below the end is one minimum, and all such valleys fit equally
+well. A map with negative values, such as a log-likelihood, has a linear scale from its lowest to its highest value.
 
-This module loads before the compiled code: the first picture of the page needs it.
+The first picture of the page needs this module, which therefore loads no compiled code.
 """
 
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ import numpy as np
 from ..model.validation import Reals
 
 DECADES = 4
-LEAST_RANGE = 0.01  # dB, least range of the colours; at a random start a map of all modes spans about 0.1 dB
-DEPTH = 1 / (10 * DECADES)  # least prominence of a local minimum, as a fraction of the scale
-BELOW = 1e-6  # factor on differences below the end of the scale
-FEW_MODES = 8  # with at most so many modes, a solver's coarse lattice shows a valley as a chain of false minima
+LEAST_RANGE = 0.01  # dB, smallest range of the colours; at a random start a map of all modes spans about 0.1 dB
+DEPTH = 1 / (10 * DECADES)  # smallest prominence of a local minimum, as a fraction of the scale
+BELOW = 1e-6  # factor by which differences of costs below the end of the scale are reduced
+FEW_MODES = 8  # with at most this many modes, a solver's coarse lattice shows a valley as a chain of false minima
 OUTSIDE = -1  # basin of points from which descent ends at the edge of the map, beyond which the cost is unknown
 
 
 def on_scale(cost: Reals) -> np.ndarray:
-    """Return the costs of a map on its scale, from 0 at the lower end to 1; float64 of the same shape.
+    """Return the costs of a map on its scale, from 0 at the lower end to 1 at the upper : float64 of the same shape.
 
     Values that are not finite count as the highest finite one, so that they are never a minimum.
     """
@@ -46,7 +46,7 @@ def on_scale(cost: Reals) -> np.ndarray:
 class Minima:
     """The marks on a map."""
 
-    lowest: np.ndarray  # (L, D) float64, metres, positions of the lowest cost and of local minima that fit as well
+    lowest: np.ndarray  # (L, D) float64, metres, position of the lowest cost, then local minima that fit as well
     others: np.ndarray  # (K, D) float64, metres, the other local minima, the lowest first
-    count: int  # number of local minima; none is at an edge, because the cost beyond it is unknown
-    end: float | None  # cost at the end of the scale, if the lowest cost is below it
+    count: int  # number of local minima; those at an edge do not count, because the cost beyond it is unknown
+    end: float | None  # cost at the end of the scale if the lowest cost is below it, else None

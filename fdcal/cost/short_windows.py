@@ -1,32 +1,33 @@
-"""The likelihood of many short windows: the field of each is random, and its covariance follows from the positions.
+"""The likelihood of many short windows: the field in each is random, and its covariance depends on the positions.
 
-A short window of a take holds the sound of a few reflections. Over many windows these come from all directions, though
-with unequal power, so that the spectra p of all windows of a take and frequency have the same covariance matrix up to
-the power s of each window:
+A short window of a take holds the sound of a few reflections. Over many windows the reflections come from all
+directions, with unequal power. The spectra p of all windows of a take at one frequency therefore have the same
+covariance matrix, except for the power s of each window:
 
     p    ~ CN(0, s C)
     C    = G (K + sum_w b h h^H + e I) G^H,   G = diag exp(a_n + j b_n), the gains of the channels
     K_ij = j_0(k d) + sum_l a_l j_2(k d) Y_l(u) + r (J_0(k d_h cos g) cos(k d_v sin g) - j_0(k d)),   d u = x_i - x_j
-    h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2, a wave w of the take: the direct sound or
-           an early reflection
+    h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2
 
+    h    one of the waves w of the take: the direct sound or an early reflection
+    b    its power;   v (3,) the direction that it comes from;   q its curvature, 1/m;   t_n its delay times c, metres
     Y_l  the five quadratic harmonics
     r    fraction of the sound that comes from the elevations g and -g; d_h and d_v are the horizontal and the vertical
-         part of d. Floor and ceiling absorb most in a room, so that late sound comes from nearly horizontal directions
-    b    power of the wave, from direction v (3,), of curvature q, 1/m
-    e    power of the noise; b and e are interpolated in frequency between a few nodes
+         part of d. In a room floor and ceiling absorb most, so that late sound comes from nearly horizontal directions
+    e    power of the noise. Both b and e are interpolated in frequency between a few nodes
 
-A window smooths the spectrum: K and h h^H are means over its bandwidth, taken at k - B and k + B, with B the standard
-deviation of the wavenumber, weighted by the power spectrum of the window. With the values at k alone an array of 1.6 m
-in windows of 30 ms ends 48 instead of 30 mm off.
+A window smooths the spectrum. K and h h^H are therefore means over its bandwidth: the mean of the values at k - B and
+k + B, where B is the standard deviation of the wavenumber, weighted by the power spectrum of the window. With the
+values at k alone, the error of an array of 1.6 m with windows of 30 ms is 48 mm instead of 30 mm.
 
-With the power of each window at its likeliest value, p^H C^-1 p / N, the cost is
+If the power of each window has its most likely value, p^H C^-1 p / N, the cost is
 
     cost = sum over groups of W log det C + N sum over windows of log p^H C^-1 p
 
-(Tyler 1987: the angular Gaussian distribution). A group is one take at one frequency. The Fisher information is that of
-the complex Gaussian distribution with the powers eliminated, times N / (N + 1). No interpolation limit such as Eq. 9
-applies: the coherence of distant microphones is small at high frequencies, but still informative.
+(the angular Gaussian distribution, Tyler 1987). A group consists of the W windows of one take at one frequency. The
+Fisher information is that of the complex Gaussian distribution after elimination of the powers, times N / (N + 1). No
+interpolation limit such as Eq. 9 applies, because the small coherence of distant microphones at high frequencies still
+carries information.
 """
 
 import functools
@@ -40,7 +41,7 @@ from scipy.special import j0, j1, spherical_jn
 from ..model.validation import Bools, Complexes, Integers, Reals
 
 CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
-# Y_l = u^T Q u
+# matrices Q_l of the quadratic harmonics Y_l(u) = u^T Q_l u
 QUADRATIC = np.array(
     [
         [[1, 0, 0], [0, -1, 0], [0, 0, 0]],
@@ -51,24 +52,25 @@ QUADRATIC = np.array(
     ]
 )
 SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
-NOISE_NODES, POWER_NODES = 5, 2
-DIRECTIONS = 1200  # number of directions among which a wave is sought
-SPACING = 0.125  # distance of the places where a microphone is sought, in shortest wavelengths
-# number of parameters of a wave: power, direction along two tangents, curvature; in one group, with one power, IN_GROUP
+NOISE_NODES, POWER_NODES = 5, 2  # numbers of nodes in frequency of e and b
+DIRECTIONS = 1200  # number of directions that are tried for a new wave
+SPACING = 0.125  # spacing of the lattice on which a microphone is sought, in shortest wavelengths
+# OF_WAVE is the number of parameters of a wave: its power at the nodes, its direction along two tangents, its
+# curvature. IN_GROUP is their number in one group, where the wave has a single power
 OF_WAVE, IN_GROUP = POWER_NODES + 3, 4
-# means and standard deviations of the priors: of the spectrum, g in radians; of gains, nepers, and phases, radians; of
-# the logarithms of noise and waves, over the diffuse field, and of the curvature, 1/m
+# Means and standard deviations of the priors. SPECTRUM: a_l, r and g, radians. CHANNEL: gains, nepers, and phases,
+# radians. NOISE and POWER: logarithms of the power relative to the diffuse field. CURVATURE: 1/m
 SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
 NOISE_PRIOR, POWER_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
-NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power, relative to the mean, from one direction
-NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))
+NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power from one direction; the power is over the mean
+NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))  # bounds on log e
 
 
 @dataclass(frozen=True)
 class ShortField:
-    """Positions, channels and field parameters; the takes share all of them except their W waves."""
+    """Positions, channels and parameters of the field, common to all takes except for the W waves of each take."""
 
     positions: Reals  # (N, 3) float64, metres
     channels: Reals  # (N, 2) float64, nepers and radians
@@ -81,11 +83,14 @@ class ShortField:
 
 @dataclass(frozen=True)
 class ShortTerms:
-    """Cost and derivatives by the Q free ones of P parameters: (N, 5) of the microphones, spectrum, noise, takes."""
+    """The cost and its derivatives with respect to the Q free parameters.
 
-    cost: float
-    gradient: Reals  # (Q,) float64; all derivatives are empty where only the cost was asked for
-    fisher: Reals  # (Q, Q) float64
+    They are those among P parameters: five of each microphone, then the spectrum, the noise and the waves of each take.
+    """
+
+    cost: float  # nats
+    gradient: Reals  # (Q,) float64; all derivatives are empty if only the cost was asked for
+    fisher: Reals  # (Q, Q) float64, Fisher information, including the priors
     scores: Reals  # (G, Q) float64, gradient of each group, without the priors
 
 
@@ -107,19 +112,19 @@ def first_field(positions: Reals, takes: int) -> ShortField:
 def free_parameters(field: ShortField, axes: Integers, channels: bool = False, spectrum: int = 0) -> np.ndarray:
     """Return which parameters are free : (P,) bool.
 
-    axes : coordinates that are free, two for an array in a plane; spectrum : number of spectrum parameters that are
-    free, from the first
+    axes : the free coordinates, two for an array in a plane; channels : whether gains and phases are free; spectrum :
+    how many parameters of the spectrum are free, from the first on
     """
     each = np.tile([*np.isin(np.arange(3), axes), channels, channels], len(field.positions))
     shape = np.arange(len(SPECTRUM)) < spectrum
-    if len(axes) == 2:  # an array in a plane cannot distinguish sound from the two sides of the plane
+    if len(axes) == 2:  # an array in a plane cannot distinguish between sound from the two sides of the plane
         across = 3 - int(np.sum(axes))
         shape[:5] &= np.array([across not in pair for pair in ((), (0, 1), (0, 2), (1, 2), ())])
     return np.concatenate([each, shape, np.full(NOISE_NODES + OF_WAVE * field.curvature.size, True)])
 
 
 def advanced(field: ShortField, step: Reals) -> ShortField:
-    """Return the field after a step (P,) of all parameters."""
+    """Return the field after all parameters are changed by `step` (P,)."""
     N, S = len(field.positions), len(SPECTRUM)
     each, rest = step[: 5 * N].reshape(N, 5), step[5 * N :]
     waves = rest[S + NOISE_NODES :].reshape(*field.curvature.shape, OF_WAVE)
@@ -139,12 +144,12 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
 def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndarray]]:
     """Return, for each possible vertical, the field rotated so that z is vertical, and the free coordinates (D,).
 
-    The vertical is the direction from which the least sound comes, according to the spectrum of degree 2. An array in
-    the plane of x and y is either level, with z as its normal, or upright, with z as an axis in its plane. An upright
-    array is rotated into the plane y = 0.
+    The vertical is the direction from which the least sound comes, according to the quadratic harmonics of the
+    spectrum. An array in the plane of x and y is either level, so that z is its normal, or upright, so that z lies in
+    its plane. An upright array is rotated into the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
-    turn = np.linalg.eigh(tensor)[1]  # the axis of the largest eigenvalue is last
+    turn = np.linalg.eigh(tensor)[1]  # the last axis has the largest eigenvalue
     cases = [(turn, axes)]
     if len(axes) == 2:
         standing = np.eye(3)[:, [0, 2, 1]]
@@ -172,20 +177,20 @@ def _tangents(directions: Reals) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ShortLikelihood:
-    """The windows of all takes, and their wavenumbers."""
+    """The windows of all takes, their wavenumbers, and the cost of a `ShortField`."""
 
     wavenumbers: Reals  # (G,) float64, rad/m, of each group
     takes: Integers  # (G,) int64
-    pressures: Complexes  # (G, W, N) complex64 or complex128; a window that is not used is 0 in all channels
+    pressures: Complexes  # (G, W, N) complex64 or complex128; an unused window is 0 in all channels
     bandwidth: float = 0.0  # rad/m, B
-    dispersion: float = 1.0  # windows per independent window; the cost is divided by it
+    dispersion: float = 1.0  # number of windows per independent window; the cost is divided by it
 
     def waves(self, field: ShortField, nodes: Reals) -> tuple[Complexes, Complexes, Reals]:
-        """Return sqrt(b / 2) h (G, 2 W, N), derivatives (G, 2 W, 4, N) by the wave, and slopes of k t (3, G, 2 W, N).
+        """Return the waves sqrt(b / 2) h (G, 2 W, N), their derivatives (G, 2 W, 4, N), and slopes of k t.
 
-        nodes : (G, POWER_NODES), weights of the nodes of the powers. The waves are those at k - B, then those at k + B.
-        The derivatives are those by the logarithm of the power, by the direction along two tangents, and by the
-        curvature.
+        nodes : (G, POWER_NODES), weights of the nodes of the powers. The waves at k - B come first, then those at
+        k + B. The derivatives are those with respect to the logarithm of the power, the direction along two tangents,
+        and the curvature. The slopes (3, G, 2 W, N), rad/m, are those with respect to the coordinates.
         """
         both = self.wavenumbers[:, None] + self.bandwidth * np.array([-1, 1])
         k: Reals = np.repeat(both, field.curvature.shape[1], axis=1)[..., None]
@@ -201,17 +206,20 @@ class ShortLikelihood:
         return (whitened.real**2 + whitened.imag**2).sum(axis=2, dtype=np.float64)
 
     def scatter(self, q: Reals, field: ShortField) -> Complexes:
-        """Return the sum of N p p^H / q over the windows, without gains (G, N, N); q : result of `powers`."""
+        """Return the sum of N p p^H / q over the windows, divided by `dispersion` : (G, N, N) complex.
+
+        p are the pressures divided by the gains; q : (G, W), result of `powers`
+        """
         weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
         weighted = self.pressures * weight[..., None].astype(self.pressures.real.dtype)
         scatter = weighted.swapaxes(1, 2) @ np.conj(self.pressures)
         return scatter / (_gain(field)[:, None] * np.conj(_gain(field)))
 
     def terms(self, field: ShortField, free: Bools | None = None) -> ShortTerms:
-        """Return the cost with priors, and its derivatives by the parameters that are `free`, (P,) bool, if given.
+        """Return the cost including the priors and, if `free` is given, its derivatives.
 
-        All microphones must have the same free parameters. Raises LinAlgError for a covariance that is not positive
-        definite.
+        They are the derivatives with respect to the parameters where `free` (P,) is true; all microphones must have the
+        same free parameters. Raises LinAlgError for a covariance that is not positive definite.
         """
         take, x, N = self.takes, field.positions, len(field.positions)
         each, of_group = np.unique(self.wavenumbers, return_inverse=True)
@@ -231,7 +239,7 @@ class ShortLikelihood:
             return ShortTerms(cost, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         inverse: Complexes = np.linalg.inv(C)
         M = windows[:, None, None] * inverse - inverse @ self.scatter(q, field) @ inverse
-        # A parameter of microphone n changes one row and one column: dC = e_n D_n + (e_n D_n)^H.
+        # A parameter of microphone n changes row n and column n of C: dC = e_n D_n + (e_n D_n)^H with a row D_n.
         of_each, of_all = np.flatnonzero(free[: len(CHANNEL)]), free[len(CHANNEL) * N :]
         rows = [
             slopes[a][of_group] - 1j * ((phase_slopes[a] * h).swapaxes(1, 2) @ h.conj()) for a in of_each[of_each < 3]
@@ -247,15 +255,16 @@ class ShortLikelihood:
 
 
 def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:
-    """Return C (G, N, N) complex128 without gains, from K (G, N, N), the noise (G,) and the waves (G, 2 W, N)."""
+    """Return C (G, N, N) complex128 for gains of 1, from K (G, N, N), the noise (G,) and the waves (G, 2 W, N)."""
     return K + noise[:, None, None] * np.eye(K.shape[1]) + h.swapaxes(1, 2) @ h.conj()
 
 
 def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: Reals) -> np.ndarray:
-    """Return the derivatives (G, S + 1 + 2 W IN_GROUP, V) of the parameters of each group by those of all groups.
+    """Return the Jacobian (G, S + 1 + 2 W IN_GROUP, V) of each group's parameters by those common to all groups.
 
-    The parameters of a group are the spectrum, the noise, and power, direction (2) and curvature of each of its 2 W
-    waves: each wave of a take stands for two, at k - B and at k + B, with the same parameters.
+    The parameters of a group are the S of the spectrum, the noise, and the power, direction (2) and curvature of each
+    of its 2 W waves: a wave of the take appears twice, at k - B and at k + B, with the same parameters. The V common
+    parameters are the spectrum, the noise at its nodes, and the waves of all takes.
     """
     every, S, (takes, waves) = np.arange(len(take))[:, None], len(SPECTRUM), field.curvature.shape
     design = np.zeros((len(take), S + 1 + 2 * IN_GROUP * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
@@ -278,19 +287,20 @@ def _scores_and_fisher(
     by_wave: Complexes,
     design: Reals,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the gradient of each group (G, Q) and the Fisher information (Q, Q), by the free parameters.
+    """Return the gradient of each group (G, Q) and the Fisher information (Q, Q) of the Q free parameters.
 
-    M : (G, N, N), gradient by C; rows : (A, G, N, N), D of each free parameter of a microphone; whole : (V, G, N, N),
-    derivatives of C by each free parameter of the group but those of its waves, symmetric; h, by_wave : the waves and
-    their derivatives, of `ShortLikelihood.waves`; design : result of `_design`, of the free parameters
+    windows : (G,), number of windows; inverse : (G, N, N), C^-1; M : (G, N, N), gradient of the cost with respect to C;
+    rows : (A, G, N, N), the rows D_n of each of the A free parameters of a microphone; whole : (V, G, N, N), symmetric,
+    the derivatives of C by the free parameters of a group except those of its waves; h, by_wave : the waves and their
+    derivatives, from `ShortLikelihood.waves`; design : result of `_design` for the free parameters
     """
     G, N, A, V = len(inverse), inverse.shape[1], len(rows), len(whole)
     P, weight = N * A, windows * N / (N + 1)
     X, transposed = rows @ inverse, inverse.swapaxes(1, 2)
-    # S C^-1 of each `whole` S, transposed (G, N, N, V), in real and imaginary part (G, N, 2, N, V)
+    # S C^-1 of each matrix S in `whole`: the transpose is (G, N, N, V), its real and imaginary part (G, N, 2, N, V)
     parts = np.stack([transposed.real, transposed.imag], axis=2).reshape(G, 2 * N, N)
     parts = (parts @ np.ascontiguousarray(whole.transpose(1, 2, 3, 0)).reshape(G, N, N * V)).reshape(G, N, 2, N, V)
-    # A parameter of a wave changes C by u h^H + h u^H.
+    # A parameter of a wave changes C by u h^H + h u^H, with u the derivative of h.
     u, repeated = by_wave.reshape(G, -1, N), np.repeat(h, by_wave.shape[2], axis=1)
     inner_u, inner_h = u @ transposed, repeated @ transposed
     of_rows = 2 * np.einsum("agij,gji->gia", rows, M).real.reshape(G, P)
@@ -333,14 +343,15 @@ def _scores_and_fisher(
     return by_all(of_rows, of_whole), fisher
 
 
-# K, its derivatives by coordinates, and those by the spectrum; the derivatives may be empty arrays
+# K, its derivatives with respect to coordinates, and those with respect to the spectrum, which may be empty arrays
 Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, slope: bool = True, bandwidth: float = 0.0) -> Kernel:
     """Return K (F, N, N), its derivatives (3, F, N, N) by x_i - x_j, and (7, F, N, N) by the spectrum parameters.
 
-    x : (N, 3), metres; k, bandwidth : (F,) and B, rad/m; spectrum : (7,). The derivatives are empty without `slope`.
+    x : (N, 3), metres; k : (F,), rad/m; bandwidth : B, rad/m; spectrum : (7,), a_l, r, g. The derivatives are empty
+    without `slope`.
     """
     N = len(x)
     i, j = np.triu_indices(N, 1)
@@ -359,9 +370,9 @@ def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, slope: bool = True, 
 
 
 def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: float) -> Kernel:
-    """Return K (F, P) of pairs at distances d (P, 3), metres, and its derivatives (F, P, 3) and (7, F, P).
+    """Return K (F, P) of pairs with the difference d (P, 3), metres, and its derivatives (F, P, 3) and (7, F, P).
 
-    The derivatives are those by d and by the spectrum parameters, empty without `slope`.
+    The derivatives are those with respect to d and to the spectrum parameters; they are empty without `slope`.
     """
     k, shape = np.concatenate([k - bandwidth, k + bandwidth]), (2, len(k), len(d))
     *a, ring, elevation = spectrum
@@ -376,7 +387,7 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     values = (1 - ring) * isotropic + second * np.dot(a, Y) + ring * bessel * wave
     if not slope:
         return values.reshape(shape).mean(axis=0), np.zeros(0), np.zeros(0)
-    outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # by the arguments of the two factors of the ring
+    outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # derivatives of bessel * wave by round_ and level
     radial = (1 - ring) * spherical_jn(0, z, True) + np.dot(a, Y) * spherical_jn(2, z, True)
     slopes = k[:, None, None] * (radial[..., None] * u)
     tensor = np.tensordot(a, QUADRATIC, 1)
@@ -389,15 +400,15 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
 
 
 def _nodes(k: Reals, count: int) -> np.ndarray:
-    """Return the weights (F, count) of linear interpolation between nodes over the band of ascending k (F,)."""
+    """Return the weights (F, count) of linear interpolation between nodes evenly spaced over ascending k (F,)."""
     along = (k - k[0]) / max(float(k[-1] - k[0]), 1e-9)
     return np.maximum(0.0, 1 - np.abs(along[:, None] - np.linspace(0, 1, count)) * (count - 1))
 
 
 def _delays(field: ShortField) -> list[np.ndarray]:
-    """Return t (T, W, N), metres, its slopes (3, T, W, N) by the coordinates, and three slopes (T, W, N) by the wave.
+    """Return t (T, W, N), metres, its derivatives (3, T, W, N) by the coordinates, and three more of (T, W, N).
 
-    The last three are those by the direction, along two tangents, and by the curvature.
+    These three are the derivatives by the direction of the wave, along two tangents, and by its curvature.
     """
     x, v, q = field.positions, field.directions, field.curvature[..., None]
     along, tangents = v @ x.T, _tangents(v) @ x.T
@@ -411,8 +422,8 @@ def _delays(field: ShortField) -> list[np.ndarray]:
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     """Return cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
 
-    The priors are Gaussian. A penalty keeps two powers from becoming negative: 1 - r - sum_l a_l Y_l(u), relative to
-    the mean, from any direction u, and r.
+    The priors are Gaussian. In addition a penalty prevents negative powers: of the sound from any direction u, which is
+    1 - r - sum_l a_l Y_l(u) over the mean, and of r.
     """
     N = len(field.channels)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)
@@ -441,7 +452,7 @@ def _quadratic(u: Reals) -> np.ndarray:
 
 @functools.cache
 def _directions(count: int) -> np.ndarray:
-    """Return unit vectors (count, 3) that are evenly distributed over the sphere, on a spiral."""
+    """Return unit vectors (count, 3) on a spiral that are evenly distributed over the sphere."""
     turn = np.arange(count)
     height = 1 - 2 * (turn + 0.5) / count
     angle, flat = turn * np.pi * (3 - np.sqrt(5.0)), np.sqrt(1 - height**2)
@@ -449,7 +460,7 @@ def _directions(count: int) -> np.ndarray:
 
 
 def _observed(likelihood: ShortLikelihood, field: ShortField) -> tuple[Complexes, Complexes, Complexes, Reals]:
-    """Return the waves (G, 2 W, N), the inverse of C and the scatter (G, N, N), and the number of windows (G,)."""
+    """Return the waves (G, 2 W, N), C^-1 and the result of `scatter` (G, N, N), and the number of windows (G,)."""
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     K = anisotropic_kernel(field.positions, each, field.spectrum, False, likelihood.bandwidth)[0]
     noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
@@ -460,10 +471,10 @@ def _observed(likelihood: ShortLikelihood, field: ShortField) -> tuple[Complexes
 
 
 def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
-    """Return the field with one more wave of each take, the likeliest among DIRECTIONS directions and five powers.
+    """Return the field with one more wave in each take, the most likely of DIRECTIONS directions and five powers.
 
-    A wave sqrt(b) h changes log det C by log(1 + b s), s = h^H C^-1 h, and p^H C^-1 p by -b |h^H C^-1 p|^2 / (1 + b s).
-    The bandwidth is neglected here; the steps that follow take it into account.
+    With s = h^H C^-1 h, a new wave sqrt(b) h changes log det C by log(1 + b s) and p^H C^-1 p by -b |h^H C^-1 p|^2 /
+    (1 + b s). The bandwidth is neglected here; the optimisation that follows takes it into account.
     """
     inverse, scatter, windows = _observed(likelihood, field)[1:]
     received = inverse @ scatter @ inverse
@@ -488,10 +499,11 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
 def other_places(
     likelihood: ShortLikelihood, field: ShortField, axes: Integers, apart: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the likeliest other place of each microphone (N, 3), metres, and by how much its cost is higher (N,).
+    """Return the most likely other place of each microphone (N, 3), metres, and how much higher its cost is (N,).
 
-    The places are minima of the cost on a lattice, at least `apart`, metres, from the present place, with all other
-    microphones where they are. The difference is infinite if there is none. axes : (D,), coordinates that are free
+    The places are minima of the cost on a lattice, more than `apart`, metres, away from the present place; all other
+    microphones stay where they are. If there is no such minimum, the difference of the costs is infinite. axes : (D,),
+    the free coordinates
     """
     x, spacing = field.positions, SPACING * 2 * np.pi / float(likelihood.wavenumbers.max())
     ranges = [np.arange(x[:, a].min() - spacing, x[:, a].max() + 2 * spacing, spacing) for a in axes]
@@ -512,9 +524,9 @@ def other_places(
 def costs_of_places(likelihood: ShortLikelihood, field: ShortField, places: Reals, error: float) -> np.ndarray:
     """Return the cost (N, C) of moving one microphone alone to each of `places` (C, 3), metres.
 
-    The cost is defined up to a constant for each microphone. The other microphones predict its pressure. One sigma of
-    each coordinate of the places, `error`, metres, adds to the variance of the prediction. The powers of the windows
-    are those at the present array.
+    The cost follows from the prediction of its pressure by the other microphones, and is defined up to a constant for
+    each microphone. `error`, metres, is the standard deviation of each coordinate of the places, which adds to the
+    variance of the prediction. The powers of the windows are those at the present positions.
     """
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
     nodes, noise = _nodes(each, POWER_NODES)[of_group], np.exp(_nodes(each, NOISE_NODES) @ field.noise)
@@ -530,7 +542,8 @@ def costs_of_places(likelihood: ShortLikelihood, field: ShortField, places: Real
                 [amplitude * np.exp(-1j * end * delay) for end in (k - likelihood.bandwidth, k + likelihood.bandwidth)]
             )
             across = K + there.T @ h[g].conj()
-            # Weights that leave out microphone n are X - X_n R_n, with X the weights of all and R_n a row of R.
+            # X holds the weights of all microphones in the prediction. Without microphone n they are X - X_n R_n, with
+            # R_n row n of R.
             X, own = across @ inverse, np.real(np.diag(inverse))
             R, T, squared = inverse / own[:, None], X @ S, np.abs(X) ** 2
             alone = (1 + np.sum(np.abs(there) ** 2, axis=0)) * (1 + (k * error) ** 2) + noise[f]

@@ -10,14 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from .gauge import fixes_gauge
+from .gauge import MIN_KNOWN, fixes_gauge
 from .scene import Array, Scene
 from .validation import InputError, frozen_array, point_text, refusal
-
-MIN_KNOWN = {
-    2: "three microphones known that are not on one line",
-    3: "four microphones known that are not in one plane",
-}
 
 
 def positions_of(scene: Scene) -> np.ndarray:

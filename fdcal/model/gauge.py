@@ -1,13 +1,16 @@
 """Known microphones, rigid alignment and position errors.
 
-The pressures determine the array up to a rigid motion and a mirror image: the gauge, which known microphones fix.
+The pressures determine the array except for a rigid motion and a mirror image. This freedom is called the gauge; known
+microphones fix it.
 
-Frames of the positions:
+Frames in which positions are given:
 
-known     the axes of the known microphones
-minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
-          with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
-axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
+known     the axes of the given positions of the known microphones
+minimal   the first microphone is the origin; the second lies on the positive x axis; the third lies in the x-y plane
+          with y > 0; the fourth of an array in space has z > 0. A microphone in line (in space, in one plane) with the
+          previous ones is skipped
+axes      the centroid of the array is the origin; x is its longest principal axis, y the next; the signs are such that
+          the sum of the cubes of each coordinate is positive
 """
 
 from dataclasses import dataclass
@@ -18,9 +21,13 @@ from numpy.typing import ArrayLike
 from .validation import InputError, Integers, Reals, frozen_array, require_choice
 
 FRAMES = ("known", "minimal", "axes")
-COLLINEAR = 1e-6  # distance from a line or plane, over the extent of the array, up to which microphones lie in it
-INDEPENDENT = 0.1  # least component, perpendicular to the axes found so far, of a coordinate axis that completes them
-FLAT = 1e-3  # smallest extent of an array over its largest one, below which it lies on a line or in a plane
+COLLINEAR = 1e-6  # microphones lie in a line or plane if their distance from it, over the array's extent, is below this
+INDEPENDENT = 0.1  # a coordinate axis completes the axes found so far if its component perpendicular to them is longer
+FLAT = 1e-3  # an array lies on a line or in a plane if its smallest extent over the largest one is below this
+MIN_KNOWN = {  # what fixes the gauge, by the number of coordinates
+    2: "three known microphones that are not on one line",
+    3: "four known microphones that are not in one plane",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +35,17 @@ class GaugeFrame:
     """The minimal gauge: a position, a direction and a side (section 5 of the paper); in space a plane as well."""
 
     # (D + 1,) int64. The gauge fixes the position of the first microphone and the direction from it to the second. For
-    # each further microphone it fixes the side of the line, or plane, through the previous ones on which it lies
+    # each further microphone it fixes on which side of the line, or plane, through the previous ones it lies
     microphones: np.ndarray
-    positions: np.ndarray  # (D + 1, D) float64, metres; of all but the first, only directions and sides are used
+    # (D + 1, D) float64, metres; except for the first, only the directions and sides that they define are used
+    positions: np.ndarray
 
 
 def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
-    """Return the frame of the first D + 1 known microphones, at (A, D) metres, that span D directions."""
+    """Return the frame of the first D + 1 known microphones, at (A, D) metres, that span D directions.
+
+    Raises InputError if they span fewer directions.
+    """
     positions = np.asarray(known_positions, float)
     D = positions.shape[1]
     chosen = list(range(min(2, len(positions))))
@@ -43,13 +54,12 @@ def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
             chosen.append(candidate)
     if len(chosen) != D + 1:
         problem = f"known = {np.asarray(known).tolist()} does not fix position, rotation and mirror image"
-        remedy = f"name {D + 1} known microphones that are not {'on one line' if D == 2 else 'in one plane'}"
-        raise InputError(problem, remedy, key="known")
+        raise InputError(problem, f"name {MIN_KNOWN[D]}", key="known")
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(positions[chosen], float))
 
 
 def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
-    """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, a mirror image allowed."""
+    """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, which may include a mirror image."""
     origin = positions[frame.microphones[0]]
     return (positions - origin) @ turn_to_frame(positions, frame) + frame.positions[0]
 
@@ -57,7 +67,7 @@ def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
 def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
     """Return the matrix (D, D) by which `move_to_frame` multiplies rows of offsets: a rotation, or a mirror image.
 
-    positions : (N, D), metres, of the array; those of the microphones of the frame determine its axes
+    positions : (N, D), metres; the positions of the frame's microphones among them determine the axes of the array
     """
     axes = list[np.ndarray]()
     for points in (positions[frame.microphones], frame.positions):
@@ -74,7 +84,10 @@ def _spans(points: np.ndarray, directions: int) -> bool:
 
 
 def rigid_motions(positions: Reals) -> np.ndarray:
-    """Return the translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
+    """Return the translations and infinitesimal rotations of `positions` (N, D), as columns.
+
+    The result is (N D, D (D + 1) / 2) float64; the columns are not normalised.
+    """
     N, D = positions.shape
     centred = positions - positions.mean(axis=0)
     moves = [np.tile(row, N) for row in np.eye(D)]
@@ -92,7 +105,10 @@ def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
 
 
 def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(None)) -> np.ndarray:
-    """Return `estimate` moved onto `truth`, both (N, D), metres; the microphones `by` determine the motion."""
+    """Return `estimate` moved onto `truth` by the best rigid motion, which may include a mirror image.
+
+    Both are (N, D), metres. The motion is the best one for the microphones `by`.
+    """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
     turn, centre, target = rigid_motion(estimate[by], truth[by])
     return (estimate - centre) @ turn + target
@@ -101,8 +117,8 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
 def rigid_motion(x: Reals, others: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return turn, centre and target of the best motion (x - centre) turn + target of `x` onto `others` (N, D).
 
-    Kabsch's method without the condition on the determinant: a mirror image has the same pressures and is allowed.
-    `mirror`: return the best motion with the opposite determinant.
+    This is Kabsch's method without its condition on the determinant, because a mirror image has the same pressures. If
+    `mirror` is true, the result is the best motion with the opposite determinant.
     """
     centre, target = x.mean(axis=0), others.mean(axis=0)
     left, _, right = np.linalg.svd((x - centre).T @ (others - target))
@@ -112,13 +128,16 @@ def rigid_motion(x: Reals, others: Reals, mirror: bool = False) -> tuple[np.ndar
 
 
 def fixes_gauge(positions: ArrayLike) -> bool:
-    """Return whether microphones at (A, D), metres, fix translation, rotation and mirror image: span D directions."""
+    """Return whether microphones at (A, D), metres, fix translation, rotation and mirror image.
+
+    They do so if they span D directions.
+    """
     positions = np.asarray(positions, float)
     return len(positions) > positions.shape[1] and _spans(positions, positions.shape[1])
 
 
 def in_frame(positions: Reals, frame: str) -> np.ndarray:
-    """Return positions (N, D), metres, moved, rotated and maybe mirrored as a whole into a frame of FRAMES."""
+    """Return positions (N, D), metres, moved, rotated and possibly mirrored as a whole into a frame of FRAMES."""
     require_choice("frame", frame, FRAMES)
     positions = np.array(positions, float)
     if frame == "known":

@@ -23,7 +23,7 @@ import numpy as np
 from ..cost import eq7
 from ..cost.eq7 import known_weights, leave_one_out_fits, require_modes
 from ..cost.maps import descent_maps
-from ..model.gauge import fixes_gauge
+from ..model.gauge import MIN_KNOWN, fixes_gauge
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, Reals, frozen_array
@@ -209,11 +209,8 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
         )
     search, known, count = eq7.search_domain(problem), problem.known.tolist(), problem.pressures.shape[1]
     if not fixes_gauge(problem.known_positions):
-        fewest = "three known microphones that are not on one line"
-        if problem.array_dimension == 3:
-            fewest = "four known microphones that are not in one plane"
-        message = f"known = {known} does not fix translation, rotation and mirror"
-        raise InputError(message, f"descent needs at least {fewest}", key="known")
+        message = f"known = {known} does not fix translation, rotation and mirror image"
+        raise InputError(message, f"descent needs at least {MIN_KNOWN[problem.array_dimension]}", key="known")
     if np.prod(search.shape) < count:
         message = f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones"
         raise InputError(message, "use a smaller step or a larger search.size", key="search.step")

@@ -89,8 +89,7 @@ def start(problem: Problem, modes: int, noise: float | None, one: Start) -> np.n
 
 def without_given(problem: Problem) -> Problem:
     """Return the problem without given positions."""
-    places = np.zeros((0, problem.array_dimension))
-    return replace(problem, known=np.zeros(0, np.int64), known_positions=places, frame=None)
+    return replace(problem, known=problem.known[:0], known_positions=problem.known_positions[:0], frame=None)
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
@@ -112,7 +111,7 @@ def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarra
 def require_gauge(problem: Problem) -> None:
     """Raise InputError if there are known microphones and an array and its mirror image fit them equally well."""
     if len(problem.known) and not fixes_gauge(problem.known_positions):
-        fault = f"known = {problem.known.tolist()} does not fix translation, rotation and mirror"
+        fault = f"known = {problem.known.tolist()} does not fix translation, rotation and mirror image"
         remedy = f"name at least {problem.array_dimension + 1} known microphones that span the array, or none"
         raise InputError(fault, remedy, key="known")
 

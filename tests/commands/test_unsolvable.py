@@ -83,7 +83,7 @@ MINIMAL, DESCENT = ["--known", "minimal"], ["--solver", "descent"]
     (given_at([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]]), [], {}, ["span the array"]),
     (dict, [], TWO, ["name at least 3 known microphones that span the array, or none"]),
     (dict, DESCENT, TWO, ["known = [0, 4]", "three"]),
-    (dict, MINIMAL, TWO, ["known = [0, 4] does not fix position", "3 known microphones"]),
+    (dict, MINIMAL, TWO, ["known = [0, 4] does not fix position", "name three known microphones"]),
     (dict, [], {"places": LINE, "known": []}, ["on a line"]),
 ])  # fmt: skip
 def test_what_does_not_determine_the_positions_is_refused_and_a_dead_channel_named(

@@ -253,8 +253,8 @@ def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
 
 def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:
     """Return the likelihood of the groups that are `kept`, (G,) bool."""
-    fields = ("wavenumbers", "takes", "pressures")
-    return replace(likelihood, **{name: getattr(likelihood, name)[kept] for name in fields})
+    k, takes, pressures = (part[kept] for part in (likelihood.wavenumbers, likelihood.takes, likelihood.pressures))
+    return replace(likelihood, wavenumbers=k, takes=takes, pressures=pressures)
 
 
 def with_rival(
