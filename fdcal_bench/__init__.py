@@ -1,4 +1,4 @@
-"""A yardstick for the calibration of microphone arrays: recordings with known positions, and one function to compare.
+"""A benchmark for the calibration of microphone arrays: recordings with known positions, on which methods are compared.
 
     def method(recordings, rate, *, kind, speed, sources):
         ...
@@ -8,14 +8,14 @@ recordings  list of arrays (N, T), one take each: the same microphones, the sour
 rate        Hz
 kind        "noise", "speech" or "impulse": what the source plays
 speed       of sound, m/s
-sources     (S, 3) float64, metres, places of the source as measured with a tape, each coordinate to 5 cm; None where
-            nobody measured them
+sources     (S, 3) float64, metres, positions of the source as measured with a tape, each coordinate to 5 cm; None if
+            they were not measured
 positions   (N, 3) float64, metres, in any axes
 sigma       (N,) float64, metres, the method's own one sigma of each position, root of the sum over the coordinates;
             or None
 
-`fdcal-bench run module:method` prints a table of it beside the reference results. `fdcal study` runs many simulated
-calibrations (`study`, `draw`, `tasks`, `run`) and draws what they found (`statistics`, `report`).
+`fdcal-bench run module:method` prints a table of its errors beside the reference results. `fdcal study` runs many
+simulated calibrations (`study`, `draw`, `tasks`, `run`) and draws what they found (`statistics`, `report`).
 """
 
 from .cases import Case, cases

@@ -6,12 +6,12 @@ from .cases import NAMES, cases
 from .methods import REFERENCE_METHODS, diffuse_bound, tape_error
 from .scores import method_of, read_reference, score, scored, table, write_reference
 
-DRAWS = 10  # of the reference
+DRAWS = 10  # number of draws in the reference results
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def main():
-    """A yardstick for the calibration of microphone arrays."""
+    """A benchmark for the calibration of microphone arrays."""
 
 
 @main.command()
@@ -24,7 +24,7 @@ def main():
 def run(methods, only, draws, reference):
     """Print a table of methods on all cases, beside the reference results.
 
-    A method is a function as `help(fdcal_bench)` says.
+    `help(fdcal_bench)` describes the function of a method.
     """
     if not any(only in name for name in NAMES):
         raise click.BadParameter(f'no case holds "{only}"; the cases are {"; ".join(NAMES)}', param_hint="--only")

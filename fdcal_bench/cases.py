@@ -9,9 +9,9 @@ import numpy as np
 
 from .rooms import RATE, SPEED, draw_array, draw_source, responses, speech_like
 
-TAKES, SECONDS = 4, 8.0  # of noise and speech: takes of a case, each so long
-SNR_DB, PEAK_DB = 30.0, 60.0  # sensor noise below noise and speech from 20 to 500 Hz, and below the peak of an impulse
-SOURCE_SIGMA = 0.05  # m, of each coordinate of a place of the source, as measured
+TAKES, SECONDS = 4, 8.0  # takes of a case with noise or speech, and their length, s
+SNR_DB, PEAK_DB = 30.0, 60.0  # over the sensor noise: noise and speech from 20 to 500 Hz; the peak of an impulse
+SOURCE_SIGMA = 0.05  # m, standard deviation of each measured coordinate of a source
 ORDER = 40  # of image sources, at most
 
 
@@ -20,7 +20,7 @@ class Case:
     """Recordings of an array whose positions are known."""
 
     name: str
-    draw: int  # number of the draw; 0 of the measured array
+    draw: int  # number of the draw; 0 for the measured array
     recordings: tuple[np.ndarray, ...]  # (N, T) float64 of each take
     rate: int  # Hz
     kind: str  # "noise", "speech" or "impulse"
@@ -89,7 +89,7 @@ NAMES = (*(family.name for family in FAMILIES), MEASURED)
 
 
 def cases(draws: int = 1, only: str = "") -> Iterator[Case]:
-    """Yield the cases whose name holds a text: so many draws of each family, then the measured array."""
+    """Yield the cases whose name holds a text: `draws` of each family, then the measured array."""
     for family in FAMILIES:
         if only in family.name:
             yield from map(family.draw, range(draws))

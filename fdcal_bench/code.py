@@ -20,7 +20,7 @@ class CodeVersion:
 
     version: str  # of fdcal
     source: str  # hash of the modules that a result depends on
-    # that changed the package last, with "+" where files were changed since; None outside a repository
+    # the last one that changed the package, with "+" if files were changed since; None outside a repository
     commit: str | None
 
     def __str__(self) -> str:

@@ -17,21 +17,21 @@ PAGE_COMMANDS = "fdcal study {study} -o {folder}\nfdcal study --report {folder} 
 @click.argument("file", required=False, metavar="[STUDY.toml]")
 @click.option("-o", "--output", metavar="FOLDER", help="Folder of the results.")
 @click.option("--workers", type=click.IntRange(1, MAX_WORKERS), metavar="W", help="Processes.  [default: 2]")
-@click.option("--scheduler", metavar="tcp://HOST:8786", help="A scheduler of Dask in place of own processes.")
+@click.option("--scheduler", metavar="tcp://HOST:8786", help="Scheduler of Dask to use instead of own processes.")
 @click.option("--dashboard", is_flag=True, help="Serve Dask's dashboard, to this machine alone, and print its address.")
-@click.option("--resume", is_flag=True, help="Go on with a study that was interrupted.")
+@click.option("--resume", is_flag=True, help="Continue a study that was interrupted.")
 @click.option("--dry-run", is_flag=True, help="Print the number of calibrations and the expected time.")
 @click.option("--report", metavar="FOLDER", help="Draw the results of a study.")
-@click.option("--axes", metavar="Y,X", help="Of the map of a report.  [default: the first two]")
+@click.option("--axes", metavar="Y,X", help="Axes of the map in a report.  [default: the first two]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
 @click.option(
-    "--page", metavar="FILE.md", help="With --report, of a study of scenarios: whether the error bars hold, as a page."
+    "--page", metavar="FILE.md", help="With --report of a study of scenarios: write a page on its error bars."
 )
 def study(file, output, workers, scheduler, dashboard, resume, dry_run, report, axes, at, page):
     """Run many calibrations over the axes of a file.
 
-    They run on Dask; --report draws what they found. Results are written as they come; an interrupted study goes on
-    with --resume. The exit code is 4 if all calibrations are refused.
+    They run on Dask; --report draws what they found. Results are written as they arrive; --resume continues
+    an interrupted study. The exit code is 4 if all calibrations are refused.
     """
     if report is not None:
         _require(file is None and output is None, "study", "--report takes no study file and no -o", "leave them out")
@@ -72,7 +72,7 @@ def run(found, output: str, workers: int, scheduler: str | None, resume: bool, d
                 computed = run_study(found, results, client, progress)
     except KeyboardInterrupt as error:
         kept = f"{len(results.done())} of {found.count} calibrations are in {output}"
-        raise KeyboardInterrupt(f"interrupted; {kept}: the same command with --resume goes on") from error
+        raise KeyboardInterrupt(f"interrupted; {kept}: the same command with --resume continues") from error
     print(f"{output}: {computed} calibrations, {found.count} in all; draw them with fdcal study --report {output}")
     _, rows = read_results(output)
     reasons = rows["reason"][rows["verdict"] == "refused"].tolist()

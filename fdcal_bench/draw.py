@@ -26,11 +26,11 @@ from fdcal.session.scene_edits import spread_out
 
 CLEARANCE_M = 0.7  # minimum distance of a source from every microphone
 FROM_WALL_M = 0.3  # minimum distance of a microphone from every wall
-ROOM_SPREAD = 0.1  # by which the lengths of a room differ at most, relative
+ROOM_SPREAD = 0.1  # largest relative deviation of the lengths of a room
 BELOW_LIMIT = 0.9  # highest frequency over what the array can interpolate (Eq. 9)
-GRADIENT_M = 0.02  # between the two monopoles of a cardioid source
+GRADIENT_M = 0.02  # distance of the two monopoles of a cardioid source
 SOUND_SPEED = 343.0  # m/s
-RIGID_DECAY = 3.0  # 1/s, of the sound between rigid walls: recordings of 4 s, weighted
+RIGID_DECAY = 3.0  # 1/s, decay rate between rigid walls: the weight of recordings of 4 s
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Scenario:
     takes: Count = 1  # places of the source
     known: Annotated[int, within(0)] = 4  # microphones whose positions are given; 0: blind
     known_error: Annotated[float, within(0, 1, "m")] = 0.0  # standard deviation of each given coordinate
-    misplaced: Annotated[float, within(0, 10, "m")] = 0.0  # by which one given position is wrong
+    misplaced: Annotated[float, within(0, 10, "m")] = 0.0  # error of one given position
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0  # standard deviation of the channels' gains
     phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0  # likewise of their phases
     inverted: Annotated[int, within(0)] = 0  # channels of inverted polarity
@@ -95,9 +95,9 @@ class Draw:
 
 
 def draw(scenario: Scenario, seed: int) -> Draw:
-    """Return the draw of a seed. Raises InputError where the room has no place for array and source.
+    """Return the draw of a seed. Raises InputError if the room has no place for array and source.
 
-    The name of the scenario counts, too, so that the draws of two scenarios are independent where their seeds are not.
+    The draw also depends on the name of the scenario, so that two scenarios have independent draws of the same seed.
     """
     rng = np.random.default_rng([seed, 11, zlib.crc32(scenario.name.encode())])
     size = np.array(scenario.room) * rng.uniform(1 - ROOM_SPREAD, 1 + ROOM_SPREAD, len(scenario.room))

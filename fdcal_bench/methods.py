@@ -16,8 +16,8 @@ from scipy.signal import csd, resample_poly, stft
 from scipy.spatial.distance import pdist, squareform
 
 FINE = 16  # points per sample of an arrival time
-FIRST = 0.5  # of the greatest value of a response: the direct sound has at least this
-DECAYED = 0.03  # of the power of the first segment: later ones are not used
+FIRST = 0.5  # least level of the direct sound, as a fraction of the greatest value of a response
+DECAYED = 0.03  # power relative to the first segment, below which segments are not used
 TIMING = 0.003  # m, scatter of an arrival time times the sound speed; larger residuals count less
 
 
@@ -60,8 +60,8 @@ def distances_of_coherence(gamma, frequencies, speed: float, longest: float = 1.
 def robust_scaling(distances, dimension: int = 3, rounds: int = 1000) -> np.ndarray:
     """Return positions (N, D), metres, about the origin, of distances (N, N) of which some are wrong.
 
-    Stress majorisation from classical scaling; what exceeds 2.5 times the scatter of the residuals is an outlier and is
-    subtracted from its distance.
+    Stress majorisation begins with classical scaling. The part of a residual beyond 2.5 times the scatter of all
+    residuals counts as an outlier and is subtracted from the distance.
     """
     N = len(distances)
     centre = np.eye(N) - 1 / N
@@ -131,8 +131,8 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
     return start[: 3 * N].reshape(N, 3)
 
 
-STARTS = 5  # of blind arrival times
-FEWEST = {2: 3, 3: 6}  # takes: plane waves of fewer do not determine an affine map of the array; by its dimension
+STARTS = 5  # number of starts from arrival times alone
+FEWEST = {2: 3, 3: 6}  # least number of takes, by the dimension of an array: fewer plane waves leave an affine map open
 DISTANCE = 2.0  # m, of the sources from the array in a start
 
 
@@ -140,7 +140,7 @@ def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.
     """Return positions (N, D), metres, from arrival times (S, N) alone; None where these do not determine them.
 
     Robust least squares of positions, sources and times of emission. From each of several draws of the directions of
-    the sources plane waves give the positions of a start; the likeliest end counts. The sources of a plane
+    the sources plane waves give the positions of a start; the most likely result counts. The sources of a plane
     array are sought in its plane, since their heights cannot be distinguished from its size.
 
     times : s, each row up to a constant; speed : m/s; dimension : D, 2 of an array that is known to be plane;
@@ -190,12 +190,12 @@ def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.
 BAND = (50.0, 2000.0)  # Hz, of the coherence
 SEGMENT = {"noise": 512, "speech": 512, "impulse": 128}  # samples at 8 kHz, of the coherence
 TAIL = 0.005  # s after the direct sound, where the coherence of a response begins
-LARGEST = 1.0  # m, of an array whose arrivals are compared
-SOURCE_SIGMA = 0.05  # m, of each coordinate of a place of the source
+LARGEST = 1.0  # m, largest size of an array whose arrivals are compared
+SOURCE_SIGMA = 0.05  # m, standard deviation of each coordinate of a source
 
 
 def fdcal(recordings, rate, *, kind, speed, sources):
-    """fdcal with its usual settings, from sound files on."""
+    """Return what fdcal finds with its default settings, from sound files."""
     import fdcal as own
 
     try:
@@ -206,7 +206,7 @@ def fdcal(recordings, rate, *, kind, speed, sources):
 
 
 def _measurement(recordings, rate, kind, speed):
-    """What fdcal takes from recordings."""
+    """Return the measurement that fdcal imports from recordings."""
     import soundfile
 
     import fdcal as own
@@ -219,7 +219,7 @@ def _measurement(recordings, rate, kind, speed):
 
 
 def by_coherence(recordings, rate, *, kind, speed, sources, dimension=3):
-    """Coherence and robust multidimensional scaling, in the plane where the array is known to be plane."""
+    """Return what coherence and robust multidimensional scaling find, in the plane for an array known to be plane."""
     total, f = 0.0, np.zeros(0)
     for samples in recordings:
         if kind == "impulse":
@@ -232,7 +232,7 @@ def by_coherence(recordings, rate, *, kind, speed, sources, dimension=3):
 
 
 def by_arrivals(recordings, rate, *, kind, speed, sources):
-    """Arrival times, from places of the source that were measured."""
+    """Return what arrival times and measured positions of the source give."""
     if sources is None:
         return None
     impulse = kind == "impulse"
@@ -245,7 +245,7 @@ def by_arrivals(recordings, rate, *, kind, speed, sources):
 def diffuse_bound(case) -> float:
     """Return the Cramer-Rao bound of a case, millimetres: a diffuse field at the frequencies and noise that fdcal uses.
 
-    NaN of impulses, whose arrival times say more than their field.
+    NaN for impulses, whose arrival times contain more information than their field.
     """
     from fdcal.assessment.uncertainty import Prior, diffuse_information, position_bound
     from fdcal.model.problem import mode_power
@@ -257,7 +257,7 @@ def diffuse_bound(case) -> float:
     return 1e3 * position_bound(diffuse_information(case.truth, np.real(found.wavenumbers), noise, 3), Prior()).rms
 
 
-TAPE = 0.005  # m, of each coordinate
+TAPE = 0.005  # m, standard deviation of each coordinate measured with a tape
 
 
 def tape_error(case) -> float:

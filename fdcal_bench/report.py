@@ -434,7 +434,7 @@ def calibration_page(head: Head, rows: Any, name: str, stem: str, commands: str,
 
 
 def _scored(rows: Any) -> Any:
-    """Rows that are judged; refused draws have no scores."""
+    """Return the rows that are judged; refused draws have no scores."""
     if "inside" not in rows or not rows["inside"].notna().any():
         problem = "the rows of this study say nothing of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
@@ -496,8 +496,8 @@ def draw_ranks(head: Head, rows: Any) -> Figure:
 def write_page(page: Path, head: Head, rows: Any, folder: str, commands: str) -> None:
     """Write the page of a study of scenarios, its rows as CSV beside it, and its figure into a folder `pictures`.
 
-    `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Nobody
-    can compute why a draw is good and wrong: the page takes it from a file beside it that ends in .cases.toml.
+    `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Why a
+    draw is good and wrong cannot be computed: the page reads it from a file beside it that ends in .cases.toml.
     """
     commands = commands.format(study="STUDY.toml", folder=folder, page=page)
     written = page.with_suffix(".cases.toml")

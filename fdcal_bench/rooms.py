@@ -30,7 +30,7 @@ def draw_source(rng: np.random.Generator, room, centre) -> np.ndarray:
 def responses(places, source, reverberation: float, order: int, size, facing=None) -> np.ndarray:
     """Return impulse responses (N, T) of a shoebox by image sources up to an order, at RATE.
 
-    The source is a cardioid's that faces a direction (3,), or radiates equally in all directions.
+    The source is a cardioid that faces the direction `facing` (3,), or radiates equally in all directions.
     """
     import pyroomacoustics
 

@@ -201,8 +201,8 @@ class Batching:
     batch_seconds: float = 1.0  # duration of a batch that is aimed at, s
     max_batch: int = 200  # tasks of a batch at most
     ahead: int = 3  # batches for each worker that are submitted and not finished
-    write_seconds: float = 3.0  # results are written so often, s
-    write_rows: int = 2000  # or when so many have come
+    write_seconds: float = 3.0  # s, interval at which results are written
+    write_rows: int = 2000  # number of results that are written before that
     connect_seconds: float = 10.0  # a scheduler must answer within this time, s
 
 
@@ -211,11 +211,11 @@ BATCHING = Batching()
 
 @contextmanager
 def connected(workers: int, scheduler: str | None = None, dashboard: bool = False) -> Iterator[Client]:
-    """Give a client of Dask: of a scheduler by its address, or of own processes of one thread each on this machine.
+    """Yield a client of Dask, of the scheduler at an address or of own processes of one thread each on this machine.
 
     A scheduler of Dask executes what any of its clients sends. Own processes listen on the loopback interface alone,
     and to each other alone: they use TLS with a certificate that is in their memory and nowhere else. Each also has an
-    HTTP server, for Dask can have none; it answers nothing, that of the scheduler only with `dashboard`.
+    HTTP server, because Dask cannot omit it; only that of the scheduler answers, and only with `dashboard`.
     """
     if scheduler is not None:
         try:
@@ -246,10 +246,10 @@ def connected(workers: int, scheduler: str | None = None, dashboard: bool = Fals
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C in the block, and for good in the processes that are started in it, which inherit that.
+    """Ignore Ctrl-C in the block, and permanently in the processes that are started in it, because they inherit this.
 
-    A terminal sends it to all of them, and each worker would answer with a traceback; the cluster ends them. A worker
-    that Dask starts later, in place of one that died, is started outside of the block and does answer with one.
+    A terminal sends Ctrl-C to all processes, and each worker would print a traceback, although the cluster ends it. A
+    worker that Dask starts later, in place of one that died, is started outside of the block and does print one.
     """
     try:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -32,7 +32,7 @@ class Score:
 
     @property
     def failed(self) -> bool:
-        """Whether the method gave nothing, or its error exceeds half the size of the array (one point: all of it)."""
+        """Whether the method gave nothing, or its error exceeds half the size of the array."""
         return not self.error_mm < FAILED * self.size_mm
 
 

@@ -153,7 +153,7 @@ def scored(
 
 
 def clustered(counts: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a fraction and its standard error from draws (G,) of `sizes` things, of which `counts` (G, K) are so.
+    """Return a fraction and its standard error from draws (G,) of `sizes` items, `counts` (G, K) of which count.
 
     The draws are independent, the microphones of one are not: sum_g (c_g - p n_g)^2 is the variance of the sum.
     """

@@ -23,7 +23,7 @@ MAX_TASKS = 100_000_000
 PARAMETERS = tuple(field.name for field in fields(SceneParameters) if field.name != "seed")
 SCENE = "scene"  # the axis whose values are names or paths of scenes
 SCENARIO = "scenario"  # the axis of a study of scenarios: their names
-OWN = ("point", "draw", "seed")  # columns of the table that no axis may be called like
+OWN = ("point", "draw", "seed")  # names of columns of the table, which no axis may have
 
 
 @dataclass(frozen=True)

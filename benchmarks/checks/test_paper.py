@@ -78,7 +78,7 @@ def test_what_the_paper_prints_stands_beside_ours(name, array):
     printed = paper.study.PRINTED[name]
     ours = study.Outcome("descent", None, 57, 274.3, 0, 3, 3, 0.046, 329.5, 157.3)
     text = table.markdown([replace(array, name=name)], [(ours,)])
-    assert f"| modes needed for exact positions | {printed.modes} | not reached with 57 |" in text
+    assert f"| frequencies needed for exact positions | {printed.modes} | not reached with 57 |" in text
     assert f"| highest frequency | {printed.highest:.0f} Hz | 274 Hz |" in text
     assert "| 330 |" in text and "| 160 s |" in text, "no half sweeps, no exponents"
     assert "| exact, of 3 seeds | not stated; one run shown | 0; 3 within 5 cm |" in text

@@ -70,7 +70,7 @@ def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(t
     os.killpg(process.pid, signal.SIGINT)  # a terminal interrupts the workers, too
     _, errors = process.communicate(timeout=60)
     kept = len(Results(folder, load_study(path), True).done())
-    said = f"interrupted; {kept} of 400 calibrations are in {folder}: the same command with --resume goes on"
+    said = f"interrupted; {kept} of 400 calibrations are in {folder}: the same command with --resume continues"
     assert process.returncode == 130 and kept and errors.splitlines()[-1] == f"error: {said}"
     assert "Traceback" not in errors
 

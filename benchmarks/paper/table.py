@@ -36,7 +36,7 @@ def _rows(array: Array, seeds: int):
     """Return of every row its name, what the paper states, and a function from an outcome to text."""
     stated = PRINTED.get(array.name)
     return (
-        ("modes needed for exact positions", f"{stated.modes}" if stated else "-", _needed),
+        ("frequencies needed for exact positions", f"{stated.modes}" if stated else "-", _needed),
         ("highest frequency", f"{stated.highest:.0f} Hz" if stated else "-", lambda o: f"{o.highest:.0f} Hz"),
         ("mean error", "0, as printed" if stated else "-", lambda o: _length(o.error)),
         ("sweeps", f"not stated; above {stated.iteration} (Fig. 2)" if stated else "-", lambda o: f"{o.sweeps:.0f}"),

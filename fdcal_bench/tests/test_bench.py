@@ -1,4 +1,4 @@
-"""The yardstick fdcal_bench: cases, scores and its table."""
+"""The benchmark fdcal_bench: cases, scores and its table."""
 
 import dataclasses
 import runpy

@@ -368,7 +368,7 @@ def test_an_interrupted_study_says_what_is_kept_goes_on_and_is_drawn(file, tmp_p
     with monkeypatch.context() as patch:
         patch.setattr(run, "run_study", stopped)
         assert exit_code(file, "-o", folder) == 130
-    said = f"interrupted; 1 of 2 calibrations are in {folder}: the same command with --resume goes on"
+    said = f"interrupted; 1 of 2 calibrations are in {folder}: the same command with --resume continues"
     assert capsys.readouterr().err.splitlines()[-1] == f"error: {said}"
     assert exit_code(file, "-o", folder, "--resume") == 0
     head, rows = read_results(folder)
