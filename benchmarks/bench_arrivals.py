@@ -25,7 +25,7 @@ FINE, ROUNDS = 16, 30  # samples of the envelope; iterations
 
 
 def delays(spectra, f, length: int, rate: float, middle: float) -> tuple[np.ndarray, float]:
-    """Delays (N,) of a sound at a time against their mean, s, and the least coherence with the mean of all."""
+    """Return the delays (N,), s, of a sound at a time against their mean, and its least coherence with the mean."""
     t, found = np.arange(length) / rate, np.zeros(len(spectra))
     window = np.where(np.abs(t - middle) < HALF, np.cos(np.pi * (t - middle) / 2 / HALF) ** 2, 0)
     fine = np.fft.rfftfreq(4096, 1 / rate)
@@ -44,7 +44,7 @@ def delays(spectra, f, length: int, rate: float, middle: float) -> tuple[np.ndar
 
 
 def unit(angles: np.ndarray) -> np.ndarray:
-    """Directions (S, 3) of azimuth and elevation (S, 2), rad."""
+    """Return the directions (S, 3) of azimuth and elevation (S, 2), rad."""
     flat = np.cos(angles[:, 1])
     return np.stack([flat * np.cos(angles[:, 0]), flat * np.sin(angles[:, 0]), np.sin(angles[:, 1])], axis=1)
 
@@ -70,7 +70,7 @@ def heard(condition: str, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarra
 
 
 def positions(sounds: list[tuple[np.ndarray, np.ndarray]], x: np.ndarray) -> np.ndarray:
-    """Positions (6, 3), metres, by delays and rough directions, from places `x`."""
+    """Return the positions (6, 3), metres, by delays and rough directions, from places `x`."""
     d, angles = np.array([one for one, _ in sounds]), np.array([one for _, one in sounds])
 
     def residuals(v):

@@ -1,9 +1,9 @@
-"""Hostile places, streams and requests: what the command line and the page make of them, counted.
+"""Hostile paths, streams and requests: counts of how the command line and the page handle them wrongly.
 
 Files with broken bytes and hostile messages are in `fuzz`. Here are paths that are not files (pipes, devices, loops of
-links), files that change or end while they are read, a full disk, arrays beyond any bound, and requests of strangers. A
-command has to end in SECONDS, with one line on standard error and an exit code of its table, and must leave nothing
-behind.
+links), files that change or end while they are read, a full disk, arrays beyond any bound, and requests of clients that
+are not the page. A command has to end in SECONDS, with one line on standard error and an exit code of its table, and
+must leave nothing behind.
 """
 
 import os
@@ -69,7 +69,7 @@ def fault_of(arguments: str, folder: Path, limit: Callable[[], object] | None = 
 
 
 def make_good(folder: Path) -> None:
-    """Write a recording and a measurement in order."""
+    """Write a recording and a measurement without faults."""
     rng = np.random.default_rng(0)
     soundfile.write(folder / "good.wav", 0.1 * rng.standard_normal((4 * RATE, COUNT)), RATE)
     save_measurement(measurement(COUNT, 12), folder / "good.npz")
@@ -156,7 +156,7 @@ def beyond_bounds(folder: Path) -> Iterator[str]:
 
 
 def damaged_study(folder: Path) -> Iterator[str]:
-    """Yield the faults of a study with 200 damaged files of rows: of its report, and where it goes on."""
+    """Yield the faults of a study with 200 damaged files of rows: of its report, and of --resume."""
     (folder / "study.toml").write_text('title = "two"\nscene = "tiny"\ndraws = 2\n[axes]\nsnr_db = [30]\n')
     yield fault_of("study study.toml -o results", folder, codes=(0, 4))
     rng = np.random.default_rng(3)
@@ -168,7 +168,7 @@ def damaged_study(folder: Path) -> Iterator[str]:
 
 
 def strangers(folder: Path) -> Iterator[str]:
-    """Yield the faults of a page that is asked by strangers, and ends while some are half connected."""
+    """Yield the faults of a page that gets requests of other clients, and ends while some are half connected."""
     command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
     served = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert served.stdout is not None

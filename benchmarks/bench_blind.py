@@ -25,7 +25,7 @@ CASES = (Family("living room 0.4 s, 16 in 0.4 m", LIVING, 0.4, "noise", COUNT, 0
 
 
 def calibrated(case: Case) -> fdcal.Calibration:
-    """What the first take of a case says."""
+    """Return the calibration of the first take of a case."""
     samples = case.recordings[0]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "take.wav"

@@ -9,9 +9,9 @@ A fault of a channel is named if its finding lists the channel, and another faul
 Whether the fault has its right name is counted separately. A channel of noise may be called dead or noisy.
 Each draw has an array, a source, a list with an error of 2 mm in each coordinate, and a faulty channel of its own.
 
-FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each sound set; FDCAL_BENCH_FAULTS
-names some, separated by commas, "sound" the sets without a fault. 240 rows of each simulated set are used, which saves
-half of the time.
+FDCAL_BENCH_DRAWS sets the draws of each fault, 12 unless given, half as many of each set without a fault.
+FDCAL_BENCH_FAULTS names some faults, separated by commas, and "sound" the sets without one. 240 frequencies of each
+simulated set are used, which saves half of the time.
 """
 
 import os

@@ -124,7 +124,7 @@ def printed(commands: str) -> str:
 
 @cache
 def tutorial() -> list[str]:
-    """What the commands of the tutorial print, one after the other, then with two rows of its list exchanged."""
+    """What the commands of the tutorial print, one after the other, then with two rows of its list swapped."""
     code = BLOCK.findall(text_of(DOCS / "tutorials" / "first-recording.md"))
     compare = "fdcal calibrate plate.npz --check --positions layout.csv --known none"
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):

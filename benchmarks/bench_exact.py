@@ -1,7 +1,7 @@
-"""How many modes make the positions exact without noise: arrays 1 and 2, over draws of the source and the random array.
+"""How many frequencies make the positions exact without noise: arrays 1 and 2, over draws of source and random array.
 
 Exact, with known microphones: every microphone is right after rounding to the 1 cm lattice. Blind: each is within 5 mm
-of its position after a rigid motion. The paper needs 57 modes for array 1 and 39 for array 2.
+of its position after a rigid motion. The paper needs 57 frequencies for array 1 and 39 for array 2.
 """
 
 import os
@@ -16,7 +16,7 @@ from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "50"))
 MODES = (6, 8, 10, 12, 16)
-TARGETS = {("array1_circle", 16): 1.0, ("array2_random", 8): 0.7}  # part of the draws
+TARGETS = {("array1_circle", 16): 1.0, ("array2_random", 8): 0.7}  # fraction of the draws
 NEAR = 0.005  # metres
 
 

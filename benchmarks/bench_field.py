@@ -1,9 +1,9 @@
 """Arrays, rooms and faults that were not drawn for the solver: `benchmarks.field`, through the command line.
 
-FDCAL_BENCH_DRAWS cases of each family (8 unless given), FDCAL_BENCH_FAMILIES of them (all unless given, separated by
-commas), by FDCAL_BENCH_SOLVER (the solver that fdcal uses by itself unless given). FDCAL_BENCH_SEED is added to the
-seed of every case, 0 unless given: arrays, rooms and noise that no number was chosen on. FDCAL_BENCH_CSV names a file
-for one row a case.
+FDCAL_BENCH_DRAWS is the number of cases of each family, 8 unless given; FDCAL_BENCH_FAMILIES names the families, all
+unless given, separated by commas; FDCAL_BENCH_SOLVER the solver, the default of fdcal unless given. FDCAL_BENCH_SEED, 0
+unless given, is added to the seed of every case: it gives cases on which no constant was chosen. FDCAL_BENCH_CSV names
+a file that gets one row for each case.
 """
 
 import csv
@@ -26,7 +26,7 @@ DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "8"))
 WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
 SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "")
 SEED = int(os.environ.get("FDCAL_BENCH_SEED", "0"))
-RIGHT = {  # part of the cases of a family that have to come out right
+RIGHT = {  # fraction of the cases of a family that must be right
     "clean2d": 0.95,
     "clean3d": 0.85,
     "clean3d_takes": 0.85,

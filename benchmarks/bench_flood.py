@@ -13,7 +13,7 @@ from .protocol import ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
-SCENE, DRAWN, LONGEST = "tiny", "LineSegmentsMessage", 2.0  # s that another page may wait
+SCENE, DRAWN, LONGEST = "tiny", "LineSegmentsMessage", 2.0  # the last one: s that another page may wait
 UPDATES, DRAGS, MOVES = 30_000, 200, 10
 DRAG = {
     "type": "SceneNodeDragMessage", "name": "/picking/0", "instance_index": 9, "start_position": [0.6, 0.5, 0.1],

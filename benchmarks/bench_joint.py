@@ -1,8 +1,8 @@
-"""How long `joint` takes: array 1 and one in a ball from measurement to verdict, against descent, against N and M.
+"""How long `joint` takes, from measurement to verdict, for array 1 and a ball, and how that depends on N and M.
 
-Compiled code is warm, times are medians of REPEATS; the processor's own time stands beside the clock's. The time
-against descent is that of the steps until Eq. 7 at joint's positions, of the same modes and orders, is not above what
-descent ends with. Sizes are measured each in a process of its own, whose peak memory less that before is the run's.
+Compiled code is warm, and times are medians of REPEATS, of the processor and of the clock. The time compared with that
+of descent is that of the steps until Eq. 7 at joint's positions, with the same frequencies and orders, is as low as at
+the end of descent. Each size is measured in a process of its own; its memory is the peak minus that before the run.
 """
 
 import os

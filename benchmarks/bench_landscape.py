@@ -1,6 +1,6 @@
-"""The landscape of one microphone: against Eq. 7 by brute force, Fig. 1's panels, many modes, the pruned search.
+"""The landscape of one microphone: time and agreement with Eq. 7 by brute force, for one and many frequencies.
 
-And the maps of the likelihood, in the plane and in space, against the likelihood itself at some of their points."""
+The maps of the likelihood, in the plane and in space, are compared with the likelihood at some of their points."""
 
 from dataclasses import replace
 

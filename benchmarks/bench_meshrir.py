@@ -1,4 +1,4 @@
-"""From a folder shaped like MeshRIR's S1-M3969 to positions, none known, or a plane of it with four known corners.
+"""Calibrate a folder with the form of MeshRIR's S1-M3969, without a known position, or a plane of it with four.
 
 The folder is made by image sources (Allen and Berkley 1979), which share nothing with fdcal: a room of 7.0 x 6.4 x
 2.7 m whose walls reflect 0.72 of the pressure, 48 kHz, 32768 samples, sound up to 1.5 kHz, and noise 40 dB below.

@@ -1,4 +1,4 @@
-"""What 1 dB of gain and 5 degrees of phase mismatch between the channels cost: RMS position error of `draws.SOLVER`.
+"""How a mismatch of 1 dB and 5 degrees between the channels affects the RMS position error of `draws.SOLVER`.
 
 In the measured room one channel is inverted and one is dead, too. Both must be named; the error is that of the others.
 """
@@ -32,7 +32,7 @@ def mismatched(measurement, gain_db: float, phase_deg: float, rng: np.random.Gen
 
 
 def rms_error(measurement, settings) -> float:
-    """Of the positions that `settings` finds, metres."""
+    """Return the RMS error of the positions that `settings` finds, metres."""
     for state in solve(measurement.problem(), settings, 0):
         last = state
     return float(np.sqrt(np.mean(position_errors(last.positions, measurement.positions) ** 2)))

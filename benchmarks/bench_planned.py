@@ -1,4 +1,4 @@
-"""What `fdcal plan` promises beside what recordings of the same array reach: living rooms, a hall, studios.
+"""What `fdcal plan` forecasts beside what recordings of the same array reach: living rooms, a hall, studios.
 
 Nothing is given; four takes of 8 s of noise, or four impulses, as of `fdcal_bench`. Planned: the expected error and its
 range of `fdcal plan` for this array, room, reverberation time, sound, four takes and 30 dB. Reached: RMS after the best

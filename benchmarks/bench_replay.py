@@ -15,7 +15,7 @@ FIELDS = ("positions", "cost", "step", "sweep", "stage", "moved", "first", "last
 
 
 def run_of(count: int, states: int, dimension: int):
-    """A measurement of nothing, and states whose every microphone moves at random: the most that there is to tell."""
+    """Return a measurement of zeros, and states in which every microphone moves at random, which compress worst."""
     rng = np.random.default_rng(0)
     truth = rng.uniform(0, 3, (count, dimension))
     pressures = rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))

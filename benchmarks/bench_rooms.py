@@ -1,6 +1,6 @@
-"""The walls do not matter: absorbing, pressure-release, rigid and L-shaped rooms, the same array, the same accuracy.
+"""Whether the accuracy depends on the walls: one array in absorbing, pressure-release, rigid and L-shaped rooms.
 
-Array 2 in rooms simulated by finite differences, 57 of their modes; the solver does not know the walls. With noise
+Array 2 in rooms simulated by finite differences, 57 frequencies of each; the solver does not know the walls. With noise
 each room is compared with its own bound, computed from its pressures without noise; "the same accuracy" is
 within 1.3 times of it everywhere, and without noise at most twice what the rigid room gives.
 """

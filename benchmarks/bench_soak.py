@@ -1,4 +1,4 @@
-"""Two pages that press everything for a long time: do memory, files and threads grow, does a run stop?
+"""Two pages that press everything for a long time: do memory, files and threads grow, and does a run stop?
 
 Every control that is shown gets random values: ends of sliders, all options, invalid texts, any button. The
 clients speak viser's protocol, without a browser. FDCAL_SOAK_PRESSES says how often something is pressed, 3000 times

@@ -19,7 +19,7 @@ from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "20"))
 MODES = 79
-BALL = {50: None, 30: 1.3, 20: 1.3, 10: 1.3}  # dB, and what times the bound may be reached
+BALL = {50: None, 30: 1.3, 20: 1.3, 10: 1.3}  # SNR, dB, and the largest error allowed, over the bound
 
 
 def run() -> Iterator[Figure]:

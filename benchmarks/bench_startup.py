@@ -29,7 +29,7 @@ def import_time(code: str = IMPORT, repeats: int = 5) -> float:
 
 
 def serving_time(scene: str) -> float:
-    """From starting `fdcal view` to its printed address, seconds."""
+    """Return the time from the start of `fdcal view` to its printed address, seconds."""
     start = time.perf_counter()
     command = [sys.executable, "-m", "fdcal", "view", scene, "--port", "0", "--no-browser"]
     with subprocess.Popen(

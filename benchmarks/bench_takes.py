@@ -1,4 +1,4 @@
-"""What more places of the source bring if takes share the rows of an import: 64 microphones, and a hall.
+"""How more places of the source reduce the error if takes share the frequencies of an import: 64 microphones, a hall.
 
 No position is given; one, two and four takes of 8 s of noise at 30 dB, as in `fdcal_bench`. The table has the expected
 and the least error of `fdcal plan` beside the RMS error of FDCAL_BENCH_DRAWS draws, 4 unless given.

@@ -28,7 +28,7 @@ from .report import Figure
 from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
-SLIDERS = ("Last mode", "Microphone")
+SLIDERS = ("Last frequency", "Microphone")
 MODES, POINTS = 9, 121  # of the map during a drag
 
 FRAMES = """seconds => new Promise(resolve => {
@@ -173,7 +173,7 @@ def _round_trips(browser) -> list[Figure]:
             mapped.append(page.evaluate(MODES_TO_MAP, count))
         page.close()
     own, whole = statistics.median(echoed), statistics.median(mapped)
-    title = f'"Modes" of Explore to the map in the browser, solver at rest, median of {MOVES}'
+    title = f'"Frequencies" of Explore to the map in the browser, solver at rest, median of {MOVES}'
     return [
         Figure(title, whole, "ms", "below 60", whole < 60),
         Figure("of this viser's own round trip, a slider to a text", own, "ms"),
@@ -239,7 +239,7 @@ def _drags(page, served: Served) -> float:
         pause.click()
     page.get_by_role("button", name="Restart", exact=True).click()
     page.get_by_role("tab", name="Map", exact=True).click()
-    page.locator("//label[.='Mode numbers']/following::input[1]").first.fill(f"1-{MODES}")
+    page.locator("//label[.='Frequency numbers']/following::input[1]").first.fill(f"1-{MODES}")
     page.keyboard.press("Enter")
     page.get_by_text(f"sum of {MODES} modes").first.wait_for()
     page.wait_for_timeout(3e3)

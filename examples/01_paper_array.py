@@ -9,7 +9,8 @@ import sys
 import fdcal
 
 measurement = fdcal.load(sys.argv[1] if len(sys.argv) > 1 else "array1_circle")
-print(f"{measurement.count} microphones, {len(measurement.frequencies)} modes, known: {measurement.known.tolist()}")
+known = measurement.known.tolist()
+print(f"{measurement.count} microphones, {len(measurement.frequencies)} frequencies, known: {known}")
 
 found = fdcal.calibrate(measurement)  # sees the pressures and the known positions, never the others
 print(f"{found.verdict}: {found.verdict_text}")

@@ -16,5 +16,5 @@ panels = fdcal.landscape(measurement, microphone, modes=[last // 4, last // 2, 3
 
 true = measurement.positions[microphone]
 for mode, minimum in zip([*panels.modes, "all"], panels.minima, strict=True):
-    print(f"mode {mode}: minimum {np.linalg.norm(minimum - true):.3f} m from the microphone")
+    print(f"frequency {mode}: minimum {np.linalg.norm(minimum - true):.3f} m from the microphone")
 panels.plot(true).savefig("landscape.png")

@@ -1,4 +1,4 @@
-"""Simulate a room and an array of your own, and compare numbers of modes.
+"""Simulate a room and an array of your own, and compare numbers of frequencies.
 
 A scene is a frozen dataclass, as its .toml file has it: `dataclasses.replace` changes a copy.
 """
@@ -14,4 +14,4 @@ measurement = fdcal.simulate(scene)
 
 for modes in (6, 9, 12):
     found = fdcal.calibrate(measurement, modes=modes, settings=scene.solver)
-    print(f"{modes:3} modes: {found.verdict:<12} mean error {1000 * found.mean_error:6.2f} mm")
+    print(f"{modes:3} frequencies: {found.verdict:<12} mean error {1000 * found.mean_error:6.2f} mm")

@@ -14,8 +14,8 @@ takes = sorted(folder.glob("source*.flac"))
 measurement = fdcal.load(takes, positions=folder / "nominal.csv", temperature=20.0)
 found = fdcal.calibrate(measurement)
 
-print(f"{measurement.take_count} takes, {len(measurement.frequencies)} rows; verdict {found.verdict}")
-print(f"RMS distance to the nominal places {1000 * found.rms_error:.1f} mm")
+print(f"{measurement.take_count} takes, {len(measurement.frequencies)} frequencies; verdict {found.verdict}")
+print(f"RMS distance to the nominal positions {1000 * found.rms_error:.1f} mm")
 size, nominal = (np.linalg.norm(x - x.mean(axis=0)) for x in (found.positions, measurement.positions))
 print(f"size {size / nominal:.2f} of the nominal one")
 found.export("array.xml", force=True)  # for Acoular

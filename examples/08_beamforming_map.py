@@ -1,7 +1,7 @@
-"""What a calibration is worth to a beamformer: maps of two sources before and after it.
+"""What a beamformer gains from a calibration: maps of two sources before and after it.
 
 Delay and sum of plane waves at one frequency. Acoular draws the same maps from `found.export("array.xml")` and
-`found.export("calib.xml", table="gains")`; here a few lines of NumPy do.
+`found.export("calib.xml", table="gains")`; here a few lines of NumPy draw them.
 """
 
 from dataclasses import replace

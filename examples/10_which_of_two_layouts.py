@@ -1,4 +1,4 @@
-"""Which of two layouts is better? The expected error of each, and the least, before any is built."""
+"""Which of two layouts is better? The expected error of each, and the least possible one, before either is built."""
 
 from fdcal.session.plan import PlanRequest, make_plan, read_layout
 

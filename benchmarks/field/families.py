@@ -83,7 +83,7 @@ def noisy2d(n):
 
 @family(30)
 def small2d(n):
-    """Few microphones, few modes."""
+    """Few microphones, few frequencies."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 3, i])
@@ -192,7 +192,7 @@ def _base(i, r, seed) -> dict:
 
 @family(32)
 def knownfault(n):
-    """Given positions that are wrong, and exchanged channels."""
+    """Given positions that are wrong, and swapped channels."""
     out = []
     F = [
         ["known_error", 0.01],
@@ -389,7 +389,7 @@ def line3d(n):
 
 @family(24)
 def blindcircle(n):
-    """Blind arrays on one or two rings: the weak spot."""
+    """Blind arrays on one or two rings, for which the claimed sigma is too small."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 20, i])
@@ -443,7 +443,7 @@ def knownline3(n):
 
 @family(24)
 def ball3d_more(n):
-    """3-D, known, 24..48 microphones, 45..60 modes, wide arrays: is sigma honest?"""
+    """24 to 48 microphones in wide arrays in space, some known, 45 to 60 frequencies: whether sigma is right."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 23, i])
@@ -471,7 +471,7 @@ def ball3d_more(n):
 
 @family(16)
 def gainest(n):
-    """Gain mismatch, noise estimated (not reported): does the verdict detect it?"""
+    """Gain mismatch with estimated noise: whether the verdict detects it."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 24, i])

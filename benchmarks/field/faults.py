@@ -67,7 +67,7 @@ def known_error_all(recording: Recording, size: float, rng) -> Recording:
 
 
 def known_swap(recording: Recording, size: float, rng) -> Recording:
-    """Two given positions are exchanged."""
+    """Two given positions are swapped."""
     i, j = rng.permutation(len(recording.known))[:2]
     given = recording.given.copy()
     given[[i, j]] = given[[j, i]]
@@ -75,7 +75,7 @@ def known_swap(recording: Recording, size: float, rng) -> Recording:
 
 
 def channel_swap(recording: Recording, size: float, rng) -> Recording:
-    """The channel of a given microphone is exchanged with another."""
+    """The channel of a given microphone is swapped with another."""
     i, j = int(rng.choice(recording.known)), int(rng.choice(recording.free))
     pressures = recording.pressures.copy()
     pressures[:, [i, j]] = pressures[:, [j, i]]
@@ -127,7 +127,7 @@ def hum(recording: Recording, size: float, rng) -> Recording:
 
 
 def sound_speed(recording: Recording, size: float, rng) -> Recording:
-    """The reported sound speed is wrong by the part `size`."""
+    """The reported sound speed is wrong by the fraction `size`."""
     factor = 1 + size
     return replace(
         recording,
@@ -137,7 +137,7 @@ def sound_speed(recording: Recording, size: float, rng) -> Recording:
 
 
 def drift(recording: Recording, size: float, rng) -> Recording:
-    """The sound speed changes by the part `size` in the middle of the frequencies."""
+    """The sound speed changes by the fraction `size` in the middle of the frequencies."""
     wavenumbers = recording.wavenumbers.copy()
     wavenumbers[len(wavenumbers) // 2 :] *= 1 + size
     return replace(recording, wavenumbers=wavenumbers)

@@ -22,7 +22,7 @@ FAULTY = ("polarity", "dead", "gain_one", "delay")  # faults whose channel need 
 
 @dataclass(frozen=True)
 class Score:
-    """What became of a case.
+    """The result of a case, compared with the truth.
 
     outcome : "ran", "hang", "refused" or "crash"; seconds : of processor; verdict : its code; error, claim, limit :
     RMS error, claimed RMS error and Cramer-Rao bound of the healthy microphones, metres; right : the error is below

@@ -7,7 +7,7 @@ from fdcal_bench.draw import Scenario
 
 @dataclass(frozen=True)
 class Spec:
-    """All that decides a case.
+    """All that determines a case.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Spec:
     takes : recordings of the array, with the source at as many places
     source : "far", "near" (0.3 m), "inside" or "two"
     scatterer : radius, metres, and admittance of a cylinder inside the array, or None
-    scatterer_offset : from the array's middle, as a part of its radius
+    scatterer_offset : from the array's middle, as a fraction of its radius
     reflection : range of the walls' pressure reflection factors in three dimensions
     order : of the image sources
     scenario : scenario as of `studies/calibration.toml` that draws the whole case, or None

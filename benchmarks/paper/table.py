@@ -7,7 +7,7 @@ from .study import NEAR, PRINTED, Array, Outcome, title_of
 
 WHY = """\
 - Exact: every microphone ends on its true cell of the search lattice ({step:g} cm), as in the paper.
-  "Modes needed" is the least number with which all seeds end so; if there is none, the rows below are of all modes.
+  "Frequencies needed" is the least number with which all seeds end so; if there is none, the rows below are of all.
 - The paper shows one run of each array. It states no time, no total of iterations and no success rate over starts.
 - descent is the paper's method with two changes: a weight on the known microphones, and an order that grows. It ends
   near the true positions but not on them. The remaining error is a smooth deformation of the whole array, which would
