@@ -182,7 +182,7 @@ def _good(seen: Judged) -> str:
         words += f"; the given positions are inaccurate, one sigma {length_text(given.sigma, 2)}"
     if seen.estimate.window_ratio > CONTRADICTION:
         sigmas = f"{np.sqrt(seen.estimate.window_ratio):.1f} sigma"
-        words += f"; the arrays by short windows and by long spectra differ by {sigmas}, which enlarges one sigma"
+        words += f"; short windows and long spectra give arrays that differ by {sigmas}, so that one sigma is enlarged"
     if not seen.faulty:
         return f"no check contradicts the positions found; {words}"
     faults = faults_text(seen.faulty.values())

@@ -167,16 +167,16 @@ def fault_words(fault: ChannelFault) -> str:
     >>> fault_words(ChannelFault("4", "delayed", 3e-4, "s"))
     'delayed by 0.3 ms'
     >>> fault_words(ChannelFault("6", "high_pass", -30.7, "Hz"))
-    'more bass than the others: below about 31 Hz they lose level and it does not'
+    'more bass than the others, which lose level below about 31 Hz'
     """
     value = fault.value or 0.0
     words = {
         "copy": f"a copy of {fault.partner}",
         "noisy": f"noise {value:.0f} dB over the others'",
         "delayed": f"delayed by {1e3 * value:.2g} ms",
-        "high_pass": f"less bass than the others: below about {value:.0f} Hz it loses level"
+        "high_pass": f"less bass than the others: it loses level below about {value:.0f} Hz"
         if value > 0
-        else f"more bass than the others: below about {-value:.0f} Hz they lose level and it does not",
+        else f"more bass than the others, which lose level below about {-value:.0f} Hz",
         "gain": f"phase {value:.0f} degrees" if fault.unit == "degrees" else f"gain {value:+.1f} dB",
         "misplaced": f"{length_text(value)} from the position given",
         "swapped": f"swapped with microphone {fault.partner}",

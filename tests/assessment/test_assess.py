@@ -191,7 +191,7 @@ def test_every_row_can_be_the_verdict(begun, row):
 
 def test_a_contradiction_of_windows_and_rows_is_said(estimate):
     assert "short windows" not in assess(replace(estimate, window_ratio=1.5)).message
-    assert "by long spectra differ by 3.0 sigma" in assess(replace(estimate, window_ratio=9.0)).message
+    assert "arrays that differ by 3.0 sigma" in assess(replace(estimate, window_ratio=9.0)).message
 
 
 def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
