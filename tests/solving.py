@@ -45,14 +45,11 @@ def solved(measurement, solver: str = "robust", **settings) -> Solved:
     chosen = SolverSettings(**{"name": solver, "modes": len(measurement.frequencies), **settings})
     key = hashlib.sha256(pickle.dumps((measurement, chosen, starts.RANDOM_STARTS))).digest()
     if key not in ENDS:
-        ENDS[key] = solved_anew(measurement.problem("unit", chosen.known), chosen)
+        problem = measurement.problem("unit", chosen.known)
+        *_, state = solvers.run(problem, chosen, 0)
+        estimate = solvers.load(chosen.name).result(problem, state)
+        ENDS[key] = Solved(problem, state, estimate, assess(estimate))
     return ENDS[key]
-
-
-def solved_anew(problem: Problem, settings: SolverSettings) -> Solved:
-    *_, state = solvers.run(problem, settings, 0)
-    estimate = solvers.load(settings.name).result(problem, state)
-    return Solved(problem, state, estimate, assess(estimate))
 
 
 def estimated_at(measurement, positions=None, modes: int | None = None, **settings) -> Estimate:

@@ -46,7 +46,7 @@ def test_the_gains_become_a_table(spoiled, refused):
     assert [float(row["gain_db"]) for row in rows] == pytest.approx(result["channel_gain_db"], rel=1e-8)
     assert {row["name"]: row["fault"] for row in rows if row["fault"]} == {"3": "dead", "9": "inverted"}
     assert abs(float(rows[INVERTED]["phase_deg"])) > 170
-    done("export", "result.json", "-o", "positions.csv", "--force", folder=folder)
+    assert "16 microphones, frame: " in done("export", "result.json", "-o", "positions.csv", "--force", folder=folder)
     assert "gain_db" not in (folder / "positions.csv").read_text()
     path = folder / "result.json"
     assert ".csv" in refused("export", path, "--table", "gains", "-o", "gains.json")

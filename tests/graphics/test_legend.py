@@ -68,6 +68,8 @@ def test_every_mark_has_an_entry_and_every_part_of_a_picture_is_scenery_or_in_th
     assert names_of(full) == PLANE
     parts = {part.name.removesuffix("_halo") for part in (*full.meshes, *full.lines)}
     assert {name for name in parts if not name.startswith(SCENERY)} == set(names_of(full))
+    (place,) = (solid.vertices.mean(axis=0) for solid in full.meshes if solid.name == "minima")
+    np.testing.assert_allclose(place[:2], [0.7, 0.6], atol=1e-6)
 
 
 def test_a_known_microphone_has_the_circle_of_its_true_position_in_the_legend(full, scene, measurement, estimate):

@@ -1,6 +1,7 @@
 """The replay: numbers and maps are those of Python, one file that loads nothing else, played in a browser."""
 
 import dataclasses
+import io
 import json
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from browsing import until
 from fields import waves
+from PIL import Image
 from replays import Reader, contents, descent_on_tiny, offline_page, wait_for
 from running import exit_code, refuses
 
@@ -16,6 +18,7 @@ import fdcal
 from fdcal.cost.eq7 import ReferenceCost, reference_cost_of
 from fdcal.cost.maps import eq7_maps, minima_of, refined
 from fdcal.graphics.heatmap import colour_limits, normalise, to_rgb
+from fdcal.graphics.marks import LOWEST
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement, save_measurement
@@ -246,6 +249,9 @@ def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_th
         assert marked["count"] == there.count and len(marked["lowest"]) == len(there.lowest)
         for name, places in (("lowest", there.lowest), ("others", there.others)):
             np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
+        image = np.asarray(Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")).astype(int)
+        row, column = np.argwhere(np.abs(image - LOWEST).max(axis=2) < 20).mean(axis=0)  # in part below the ball
+        np.testing.assert_allclose([column, row], page.evaluate("replay.drawn(12)"), atol=10)
         weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
         for cost in (weak, strong):  # one rule for the scale, as all pictures have it
             low, high = colour_limits(cost, True)
@@ -300,6 +306,7 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
         page.get_by_role("button", name="Play").wait_for()
         page.evaluate(f"location.hash = '{after}'")
         page.get_by_text("step 10, sweep 0").wait_for()
+        page.evaluate("for (const _ of [1, 2]) document.getElementById('play').click()")  # on, and off
         with opened(browser, tmp_path / "moment.html", text, after) as again:
             wait_for(again, "replay.map?.n == 4 && replay.map.indices.length == 1")
 

@@ -115,6 +115,8 @@ def test_the_png_shows_surfaces_and_the_lowest_cost_in_their_places(picture, pai
     low, middle = 0.3, float(CENTRE[2])
     volume = volume_of(cost(), SEARCH, True, minima=Minima(CENTRE[None], np.zeros((0, 3)), 1, None))
     surfaces = with_volume(picture, volume)
+    (diamond,) = (part for part in surfaces.meshes if part.name == "lowest")
+    np.testing.assert_allclose(diamond.vertices.mean(axis=0), CENTRE, atol=1e-4)
     bare, at = image_of(painted, with_volume(picture, None), "top")
     drawn, at = image_of(painted, surfaces, "top")
     column, row = at(CENTRE + [(volume.levels[-1] + 40) / 50 * 0.9, 0, 0])

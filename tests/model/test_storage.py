@@ -70,14 +70,13 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
     + [("zero.sofa", formats.read), ("zero.mat", formats.read), ("zero.zip", session_file.read)],
 )
 def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(name, read, tmp_path):
-    (tmp_path / name).symlink_to("/dev/zero")
-    assert "not a regular file" in refusal(read, tmp_path / name)
-    (tmp_path / name).unlink()
-    os.mkfifo(tmp_path / name)
-    assert "not a regular file" in refusal(read, tmp_path / name)
-    (tmp_path / name).unlink()
-    (tmp_path / name).symlink_to(tmp_path / name)
-    refuses("", read, tmp_path / name)
+    path = tmp_path / name
+    for make in (lambda: path.symlink_to("/dev/zero"), lambda: os.mkfifo(path)):
+        make()
+        assert "not a regular file" in refusal(read, path)
+        path.unlink()
+    path.symlink_to(path)
+    refuses("", read, path)
 
 
 def bomb(path: Path, key: str, megabytes: int = 480) -> Path:

@@ -233,10 +233,6 @@ def in_hdf5(change):
     return write
 
 
-def of_rate(rate):
-    return in_hdf5(lambda file: file["time_data"].attrs.update(sample_freq=rate))
-
-
 def in_mesh(name: str, change):
     """Function of a path that writes a folder in order and changes one of its files."""
     return lambda path: change(write_meshrir(path) / name)
@@ -269,7 +265,8 @@ def of_channel(number: int, values):
         ("a.npz", lambda path: np.savez(path, recordings=SAMPLES), "no sampling rate"),
         ("a.h5", in_hdf5(lambda file: file["time_data"].attrs.pop("sample_freq")), "no sampling rate"),
         ("a.h5", in_hdf5(lambda file: file.pop("time_data")), "no array of real samples"),
-        ("a.h5", of_rate("fast"), '"time_data.sample_freq" is fast; give one number'),
+        ("a.h5", in_hdf5(lambda file: file["time_data"].attrs.update(sample_freq="fast")),
+         '"time_data.sample_freq" is fast; give one number'),
         ("a.h5", in_hdf5(lambda file: file["time_data"].__setitem__((7, 1), np.nan)), 'sample 7 of channel "1" is not'),
         ("mesh", in_mesh("ir_3.npy", Path.unlink), "no ir_3.npy"),
         ("mesh", in_mesh("ir_3.npy", lambda path: np.save(path, np.zeros((2, 7)))), "ir_3.npy has shape (2, 7)"),

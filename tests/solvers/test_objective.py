@@ -174,6 +174,15 @@ def test_gradient_is_that_of_differences(axes, dimension, delayed):
     assert np.linalg.eigvalsh(found.matrix).min() > -1e-6 * np.linalg.eigvalsh(found.matrix).max()
 
 
+@pytest.mark.parametrize("seed", [9, 1])  # the farthest source is at the bound of its distance, or is not
+def test_the_matrix_is_the_slope_of_the_gradient_where_residuals_are_small(seed):
+    x, h = array(), 1e-5
+    arrivals, steps = heard(x, 3, scatter=3e-4, seed=seed), h * np.eye(x.size).reshape(-1, *x.shape)
+    ends = [[arrivals.terms(x + step).gradient.sum(axis=0) for step in sign * steps] for sign in (1, -1)]
+    matrix = arrivals.terms(x).matrix[:-1]
+    assert np.allclose(np.subtract(*ends) / (2 * h), matrix, atol=0.01 * matrix.max())
+
+
 def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
     x, rng = array(), np.random.default_rng(3)
     arrivals, y = heard(x, 3), x + 4e-3 * rng.normal(size=x.shape)
