@@ -28,7 +28,7 @@ from .report import Figure
 from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
-SLIDERS = ("Last frequency", "Microphone")
+SLIDERS = ("Last freq.", "Microphone")
 MODES, POINTS = 9, 121  # of the map during a drag
 
 FRAMES = """seconds => new Promise(resolve => {

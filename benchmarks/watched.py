@@ -107,7 +107,7 @@ def _watch_sliders(log: Watch) -> None:
         drag(self, event, move)
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
-        log.ask("Last frequency", lambda viewer: viewer.snapshot.view.state.last == last)
+        log.ask("Last freq.", lambda viewer: viewer.snapshot.view.state.last == last)
         use(self, first, last, automatic)
 
     def pick(self, number: int) -> None:

@@ -42,7 +42,7 @@ CONTROLS = {
     "array_radius": "the array radius of `fdcal import`",
     "kind": 'the list "Kind of a recording" below the scenes',
     "known": 'the slider "Known microphones" in the tab Scene',
-    "modes": 'the slider "Last frequency" in the settings',
+    "modes": 'the slider "Last freq." in the settings',
     "rate": "the sampling rate to `fdcal import`",
     "radius": "its radius in the file that is shown",
     "search": "a search domain",
@@ -104,7 +104,7 @@ def status(
     cost = words.cost_words(view.cost, state.channels is not None)
     rows = {
         "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
-        "In use": f"{words.modes_label(measurement, used)}, {words.band_label(measurement, used)}",
+        "In use": f"{words.count_label(measurement, used)}, {words.band_label(measurement, used)}",
         error: f"<b>{mean}</b>"
         + (f"{comma}<span style='white-space: nowrap'>{largest}</span>" if largest else "")
         + (f"<br>{DIM}{compared}</span>" if compared else ""),

@@ -268,15 +268,17 @@ class SolverTab(Tab):
         self._starts = {name: one.starts[0] if one.starts else STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
-                "First frequency", 1, modes, 1, state.first,
+                "First freq.", 1, modes, 1, state.first,
                 lambda value: self.use_modes(value, max(value, self.last.value)),
+                hint="Number of the lowest frequency that the solver uses",
             )  # fmt: skip
             self.last = binding.slider(
-                "Last frequency", 1, modes, 1, state.last,
+                "Last freq.", 1, modes, 1, state.last,
                 lambda value: self.use_modes(min(self.first.value, value), value),
+                hint="Number of the highest frequency that the solver uses",
             )  # fmt: skip
             self.automatic = binding.checkbox(
-                "Add frequencies automatically", state.automatic,
+                "Add freq.", state.automatic,
                 lambda value: self.use_modes(self.first.value, self.last.value, value),
                 visible=binding.run.solver.TRAITS.adds_modes,
                 hint="Add the next frequency when the present stage has converged",

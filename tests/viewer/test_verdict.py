@@ -153,7 +153,7 @@ def test_microphones_are_listed_by_descending_error(measurement):
 def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     state = State(measurement.positions + np.array([0.003, 0.004]), step=7, sweep=1, moved=4)
     html = words.status(view_of([state]), measurement)
-    for text in ("Paused", "step 7, sweep 1", "frequencies no. 1 to 3, 100 to 180 Hz", "5 mm", "Eq. 7"):
+    for text in ("Paused", "step 7, sweep 1", "3 frequencies, 100 to 180 Hz", "5 mm", "Eq. 7"):
         assert text in html
     assert cost_words(-41.237).startswith("-41.2 dB") and "unknown" in cost_words(np.nan)
     assert state_error_words(measurement, np.array([8e-6])) == "less than 0.01 mm off"

@@ -239,9 +239,9 @@ class SweepTab(Tab):
                 # the film's scene begins with the highest
                 highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
-                    "Highest frequency", 1, modes, 1, highest, lambda _: self._restart(), hint="Of the whole sum"
+                    "Highest freq.", 1, modes, 1, highest, lambda _: self._restart(), hint="Number of the highest one"
                 )
-                self.rate = binding.gui.add_slider("Frequencies per second", 1, MAX_RATE, 1, RATE)
+                self.rate = binding.gui.add_slider("Speed (1/s)", 1, MAX_RATE, 1, RATE, hint="Frequencies per second")
             self.text = binding.gui.add_html(html.remark(ADVICE))
             title, x = "Local minima of the sum", "frequencies summed"
             self._plot = Plot(binding.gui, title, series, x, height=140, legend=False)
