@@ -182,7 +182,7 @@ class ShortLikelihood:
     wavenumbers: Reals  # (G,) float64, rad/m, of each group
     takes: Integers  # (G,) int64
     pressures: Complexes  # (G, W, N) complex64 or complex128; an unused window is 0 in all channels
-    bandwidth: float = 0.0  # rad/m, B
+    bandwidth: float  # rad/m, B
     dispersion: float = 1.0  # number of windows per independent window; the cost is divided by it
 
     def waves(self, field: ShortField, nodes: Reals) -> tuple[Complexes, Complexes, Reals]:
@@ -223,7 +223,7 @@ class ShortLikelihood:
         """
         take, x, N = self.takes, field.positions, len(field.positions)
         each, of_group = np.unique(self.wavenumbers, return_inverse=True)
-        K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, free is not None, self.bandwidth)
+        K, slopes, shapes = anisotropic_kernel(x, each, field.spectrum, self.bandwidth, free is not None)
         noise_nodes, power_nodes = _nodes(each, NOISE_NODES)[of_group], _nodes(each, POWER_NODES)[of_group]
         noise = np.exp(noise_nodes @ field.noise)
         h, by_wave, phase_slopes = self.waves(field, power_nodes)
@@ -347,7 +347,7 @@ def _scores_and_fisher(
 Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, slope: bool = True, bandwidth: float = 0.0) -> Kernel:
+def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, bandwidth: float, slope: bool = True) -> Kernel:
     """Return K (F, N, N), its derivatives (3, F, N, N) by x_i - x_j, and (7, F, N, N) by the spectrum parameters.
 
     x : (N, 3), metres; k : (F,), rad/m; bandwidth : B, rad/m; spectrum : (7,), a_l, r, g. The derivatives are empty
@@ -462,7 +462,7 @@ def _directions(count: int) -> np.ndarray:
 def _observed(likelihood: ShortLikelihood, field: ShortField) -> tuple[Complexes, Complexes, Complexes, Reals]:
     """Return the waves (G, 2 W, N), C^-1 and the result of `scatter` (G, N, N), and the number of windows (G,)."""
     each, of_group = np.unique(likelihood.wavenumbers, return_inverse=True)
-    K = anisotropic_kernel(field.positions, each, field.spectrum, False, likelihood.bandwidth)[0]
+    K = anisotropic_kernel(field.positions, each, field.spectrum, likelihood.bandwidth, False)[0]
     noise = np.exp(_nodes(each, NOISE_NODES) @ field.noise)
     h = likelihood.waves(field, _nodes(each, POWER_NODES)[of_group])[0]
     C = _covariance(K[of_group], noise[of_group], h)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..acoustics.compiled import parallel_map
 from ..model.measurement import Measurement
 from ..model.problem import mode_power
 from ..model.validation import InputError, word_arguments
@@ -66,7 +67,7 @@ def import_recording(
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement in a file or folder, or in several (see `ImportOptions.files`), and a report on it.
 
-    `progress`: called with the fraction done, 0 to 1, and a note before each take.
+    `progress`: called with the fraction done, 0 to 1, and a note after each take.
     """
     paths = [path] if isinstance(path, (str, Path)) else list(path)
     return measurement_of_takes(read_takes(paths, options), options, progress)
@@ -81,8 +82,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         raise InputError(f"{twice[0]} is given twice", "give each file once", key="source")
     read = list[Recording]()
     for path in paths:
-        number = options.source
-        numbers = range(formats.source_count(path)) if isinstance(number, str) else [number]
+        numbers = range(formats.source_count(path)) if isinstance(options.source, str) else [options.source]
         found = [formats.read(path, number, options.rate) for number in numbers]
         read += [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
     if len(read) == 1:
@@ -115,8 +115,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
 def join_channels(files: Sequence[Recording]) -> Recording:
     """Return the channels of files that recorded at the same time as one recording, named after the files."""
     shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
-    other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
-    if other is not None:
+    if other := next((one for one in files if one.sample_rate != files[0].sample_rate), None):
         problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
         raise InputError(problem, "convert one of them; channels of one take need one rate", key="sample_rate")
     if shortest.samples < (1 - SHORTER) * longest.samples:
@@ -198,25 +197,30 @@ def measurement_of_takes(
     takes = list(recordings)
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
-        for one in takes:
-            if one.kind == "impulse":
-                problem = f"split is for a stationary recording, and {one.path} has impulse responses"
-                raise InputError(problem, "leave out <split>", key="split")
+        if impulses := [one.path for one in takes if one.kind == "impulse"]:
+            problem = f"split is for a stationary recording, and {impulses[0]} has impulse responses"
+            raise InputError(problem, "leave out <split>", key="split")
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
         takes = [part for one in takes for part in split(one, options.split, shortest)]
-    each = (
-        options.max_rows // len(takes) if options.max_rows else frequencies.default_max_rows(takes[0].count, len(takes))
-    )
+    default = frequencies.default_max_rows(takes[0].count, len(takes))
+    each = options.max_rows // len(takes) if options.max_rows else default
     done, skipped = [], []
-    for number, one in enumerate(takes):
-        if progress is not None:
-            progress(number / len(takes), f"take {number + 1} of {len(takes)}")
+
+    def of_take(number: int) -> tuple[Measurement, ImportReport] | NothingAboveNoise:
         try:
-            done.append(_measurement_of_take(one, options, max(1, each), left_out, number, len(takes)))
+            return _measurement_of_take(takes[number], options, max(1, each), left_out, number, len(takes))
         except NothingAboveNoise as error:
-            skipped.append(one.path)
-            if options.split is None or len(skipped) == len(takes):  # a split recording may have pauses
-                raise error
+            return error
+
+    for number, found in enumerate(parallel_map(of_take, range(len(takes)), len(takes) > 1)):
+        if progress is not None:
+            progress((number + 1) / len(takes), f"{number + 1} of {len(takes)} takes")
+        if not isinstance(found, NothingAboveNoise):
+            done.append(found)
+            continue
+        skipped.append(takes[number].path)
+        if options.split is None or len(skipped) == len(takes):  # a split recording may have pauses
+            raise found
     measurement, report = done[0]
     if len(done) > 1:
         report = replace(report, takes=tuple(one for _, one in done))
@@ -234,11 +238,10 @@ def _measurement_of_take(
     recording, known, known_positions = in_memory(recording), np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = select.known_microphones(recording, options.known)
-    recording, known_positions, height = _in_plane(recording, options, known_positions)
-    speed, speed_from = options.speed(recording.sound_speed)
-    found = frequency_limit(recording, options, known_positions, speed)
-    band = frequency_band(recording, options, found, speed)
-    taken = recording
+    taken, known_positions, height = _in_plane(recording, options, known_positions)
+    speed, speed_from = options.speed(taken.sound_speed)
+    found = frequency_limit(taken, options, known_positions, speed)
+    band = frequency_band(taken, options, found, speed)
     recording, kind, noise = _classified(taken, options, band)
     if kind == "impulse":
         pressures = impulse_response_pressures(recording, band, speed, max_rows, noise)
@@ -287,7 +290,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
         chosen = [select.select_subset(one, options.subset) for one in chosen]
     if listed:  # before any sample is read, since samples of these channels may not be numbers
         chosen = [select.exclude_channels(one, listed) for one in chosen]
-    health = [select.inspect_channels(one) for one in chosen]
+    health = list(parallel_map(select.inspect_channels, chosen, len(chosen) > 1))
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):
             select.require_usable_channels(one, state)

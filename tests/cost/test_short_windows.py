@@ -28,7 +28,7 @@ def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) 
     N = len(field.positions)
     found = np.empty((len(k), windows, N), complex)
     each = np.unique(k)
-    K = short.anisotropic_kernel(field.positions, each, field.spectrum, False)[0]
+    K = short.anisotropic_kernel(field.positions, each, field.spectrum, 0.0, False)[0]
     along = (each - each[0]) / (each[-1] - each[0])
     noise = np.exp(np.interp(along, np.linspace(0, 1, len(field.noise)), field.noise))
     x = field.positions
@@ -42,7 +42,7 @@ def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) 
         z = (rng.standard_normal((windows, N)) + 1j * rng.standard_normal((windows, N))) / np.sqrt(2)
         gain = np.exp(field.channels[:, 0] + 1j * field.channels[:, 1])
         found[g] = gain * (z @ L.T) * np.exp(rng.standard_normal((windows, 1)))
-    return short.ShortLikelihood(k, takes, found)
+    return short.ShortLikelihood(k, takes, found, 0.0)
 
 
 @pytest.mark.parametrize("ring", [0.1, -0.3])  # the second is a negative power
@@ -99,11 +99,12 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
     field = replace(some_field(rng), spectrum=np.array([0.2, -0.1, 0.0, 0.0, -0.3, 0.0, 0.14]))
     field.positions[:, dimension:] = 0
     k = np.linspace(4, 40, 7)
-    before = short.anisotropic_kernel(field.positions, k, field.spectrum, False)[0]
+    before = short.anisotropic_kernel(field.positions, k, field.spectrum, 0.0, False)[0]
     cases = short.upright(field, SPACE[:dimension])
     assert [tuple(axes) for _, axes in cases] == [[(0, 1), (0, 2)], [(0, 1, 2)]][dimension - 2]
     for turned, axes in cases:
-        assert np.allclose(short.anisotropic_kernel(turned.positions, k, turned.spectrum, False)[0], before, atol=1e-12)
+        after = short.anisotropic_kernel(turned.positions, k, turned.spectrum, 0.0, False)[0]
+        assert np.allclose(after, before, atol=1e-12)
         assert np.allclose(np.delete(turned.positions, axes, axis=1), 0)
         moves = short.free_parameters(turned, axes)[: 5 * N].reshape(N, 5)
         assert np.array_equal(np.flatnonzero(moves.all(axis=0)), axes)

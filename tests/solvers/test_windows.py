@@ -182,7 +182,7 @@ def test_an_array_is_flat_where_its_windows_show_no_heights(height, dead):
     x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
     x[:, 2] = height * np.array([1, -1, 1, -1, -1, 1, -1, 1])
     x = turned(x)
-    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), False)[0]
+    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), 0.0, False)[0]
     L = np.linalg.cholesky(K + 0.02 * np.eye(8))
     z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
     p = z @ L.swapaxes(1, 2)
@@ -205,10 +205,10 @@ def test_a_microphone_that_may_stand_elsewhere_is_found(apart):
     field = replace(field, curvature=np.full((1, 3), 0.5))
     across = np.sum(field.positions**2, axis=1)[:, None] - (field.positions @ waves.T) ** 2
     h = np.exp(0.75 + 1j * k[:, None, None] * (field.positions @ waves.T - across / 4))
-    K = anisotropic_kernel(x, k, field.spectrum, False)[0] + h @ h.conj().swapaxes(1, 2)
+    K = anisotropic_kernel(x, k, field.spectrum, 0.0, False)[0] + h @ h.conj().swapaxes(1, 2)
     z = rng.standard_normal((len(k), 40, 10, 2)).view(complex)[..., 0]
     p = z @ np.linalg.cholesky(K + 0.05 * np.eye(10)).swapaxes(1, 2)
-    likelihood = ShortLikelihood(k, np.zeros(len(k), np.int64), p)
+    likelihood = ShortLikelihood(k, np.zeros(len(k), np.int64), p, 0.0)
     rival = with_rival(likelihood, field, np.arange(3), np.full(10, True))[1]
     assert (rival is None) == (apart < 1)
 
@@ -223,7 +223,7 @@ def test_the_covariance_of_windows_is_that_of_white_sound_in_a_hann_window():
     exact = np.exp(1j * k * 1.2 * cosine) * np.interp(1.2 * np.abs(cosine) / SOUND * 16000, late, correlation)
     wave = replace(first_field(x, 1), directions=np.array([[[-1.0, 0, 0]]]), powers=np.zeros((1, 1, 2)))
     h = likelihood.waves(replace(wave, curvature=np.zeros((1, 1))), np.full((1, 2), 0.5))[0][0]
-    assert anisotropic_kernel(x, k, np.zeros(7), False, likelihood.bandwidth)[0][0, 0, 1] == pytest.approx(
+    assert anisotropic_kernel(x, k, np.zeros(7), likelihood.bandwidth, False)[0][0, 0, 1] == pytest.approx(
         exact.mean().real, abs=2e-3
     )
     assert h[:, 0] @ h[:, 1].conj() == pytest.approx(exact[-1], abs=0.01)
@@ -234,9 +234,9 @@ def test_the_reflections_of_each_of_two_takes_are_found():
     field, v = first_field(rng.uniform(-0.15, 0.15, (8, 3)), 2), rng.standard_normal((2, 3, 3))
     v /= np.linalg.norm(v, axis=2, keepdims=True)
     h = np.exp(1j * k[:, None, None] * (v[takes] @ field.positions.T))
-    K = anisotropic_kernel(field.positions, k, field.spectrum, False)[0] + 2 * h.swapaxes(1, 2) @ h.conj()
+    K = anisotropic_kernel(field.positions, k, field.spectrum, 0.0, False)[0] + 2 * h.swapaxes(1, 2) @ h.conj()
     z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
-    likelihood = ShortLikelihood(k, takes, z @ np.linalg.cholesky(K + 0.02 * np.eye(8)).swapaxes(1, 2))
+    likelihood = ShortLikelihood(k, takes, z @ np.linalg.cholesky(K + 0.02 * np.eye(8)).swapaxes(1, 2), 0.0)
     found = fitted(likelihood, [(field.positions, (60.0,))])[1]
     delays = found.directions @ (found.positions - found.positions.mean(axis=0)).T
     apart = np.abs(delays[:, :, None] - (v @ field.positions.T)[:, None]).max(axis=3)
