@@ -93,7 +93,7 @@ def times(counts: list[int]) -> list[float]:
 
 
 def words(modes: int, places: int) -> str:
-    """Return what is said of a map of the sum of `modes` modes with so many local minima."""
+    """Return the words of the film for a map of the sum of `modes` modes with `places` local minima."""
     many = NUMBERS[modes] if modes < len(NUMBERS) else str(modes)
     return f"{many} frequenc{'y' if modes == 1 else 'ies'}: {places} place{'s fit' if places > 1 else ' fits'}"
 

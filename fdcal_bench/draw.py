@@ -52,7 +52,7 @@ class Scenario:
     known_error: Annotated[float, within(0, 1, "m")] = 0.0  # standard deviation of each given coordinate
     misplaced: Annotated[float, within(0, 10, "m")] = 0.0  # error of one given position
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0  # standard deviation of the channels' gains
-    phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0  # likewise of their phases
+    phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0  # standard deviation of their phases
     inverted: Annotated[int, within(0)] = 0  # channels of inverted polarity
     dead: Annotated[int, within(0)] = 0  # channels without signal
     # pairs of a frequency, Hz, and the fraction of the energy that the walls absorb there at normal incidence; rigid

@@ -112,7 +112,7 @@ def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
             f"{channels.noise_db[n]:+z.1f}",
         )
         rows.append((cells, style))
-        if fault:  # in a row of its own, for the panel is narrow
+        if fault:  # in a row of its own, because the panel is narrow
             rows.append(((escape(fault),), style))
     return table(HEAD, rows)
 

@@ -369,7 +369,7 @@ def with_ellipses(
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
     The legend says by how much the ellipses are enlarged, or that they are too small to be seen, and `note` adds to it.
-    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. It is drawn `scale` times enlarged.
+    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. Ellipses are drawn `scale` times enlarged.
     """
     axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
     lengths = np.linalg.norm(axes[:, -1], axis=1)
@@ -475,7 +475,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         replace(label, **above, text=text or label.text) if label.name == "selected/name" else label
         for label in picture.labels
     )
-    # the ball covers both crosses of its microphone: where no other estimate has one, there is none
+    # The ball covers both crosses of its microphone. If no other estimate has a cross, the picture shows none.
     sizes = {part.name: len(part.vertices) for part in picture.meshes}
     alone = sizes.get("microphones/estimate") == sizes.get("selected/estimate")
     covered = ("selected/estimate", "microphones/estimate") if alone else ("selected/estimate",)

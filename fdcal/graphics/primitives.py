@@ -29,7 +29,7 @@ class Theme:
     foreground: Colour  # colour of texts, rulers and walls
     grid: Colour  # colour of the grid on the floor
     text: float = 1.0  # size of the texts, 1 for the usual one
-    marks: float = 1.0  # size of the marks, likewise
+    marks: float = 1.0  # size of the marks, 1 for the usual one
 
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
@@ -39,7 +39,7 @@ LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(16
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
 
 
-THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether it is dark: usual, for a projector
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # key: whether dark; usual, for a projector
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:
@@ -49,7 +49,7 @@ def fractions(colour: Colour) -> tuple[float, float, float]:
 
 
 COLOUR_MAP = "viridis"  # name of the map for costs, in matplotlib.colormaps
-DIVERGING_COLOUR_MAP = "RdBu_r"  # likewise, for fields of both signs
+DIVERGING_COLOUR_MAP = "RdBu_r"  # name of the map for fields of both signs
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BAR_LENGTH = 44  # characters that fit along a colour bar
 

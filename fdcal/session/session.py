@@ -391,7 +391,7 @@ class Session:
 
     @property
     def _no_step_before(self) -> float:
-        """Time, as of `time.monotonic`, until which the solver takes no step, for the sake of the user interface."""
+        """Time, as of `time.monotonic`, until which the solver takes no step, so that the page can respond."""
         return min(self._yield_to, self._yield_from + 2 * YIELD_TIME)
 
     def _pending(self) -> list[tuple | None]:
