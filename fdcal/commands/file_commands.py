@@ -183,8 +183,7 @@ def _result(paths: list[str], positions: str | None, options: ImportOptions, pat
         result = solve(inputs, wording=opt.OPTIONS)
         check = None if inputs.measurement.positions is None else report.comparison(inputs, result)
     except (InputError, StorageError) as error:
-        words = error.worded(opt.OPTIONS) if isinstance(error, InputError) else error
-        print(f"result  none: {words}", flush=True)
+        print(f"result  none: {error.worded(opt.OPTIONS) if isinstance(error, InputError) else error}", flush=True)
         return 4
     lines, wrong = report.takes_report(len(paths), inputs, result, check)
     print("\n".join(lines), flush=True)

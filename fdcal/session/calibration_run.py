@@ -227,8 +227,7 @@ def cost_in_decibels(found: Assessment) -> float | None:
     problem = found.problem
     if not np.isfinite(found.positions).all():
         return None
-    problem = replace(problem, search=search_around(found.positions, problem.search))
-    reference_cost = reference_cost_of(problem)
+    reference_cost = reference_cost_of(replace(problem, search=search_around(found.positions, problem.search)))
     if reference_cost is None:
         return None
     cost = reference_cost(found.positions, found.channels.correction)

@@ -29,8 +29,7 @@ SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/", "ball/"
 
 @pytest.fixture(scope="module")
 def measurement(scene):
-    positions = np.random.default_rng(5).uniform([0.5, 0.35], [0.9, 0.75], (8, 2))
-    return placed(positions, scene.search, [0, 1])
+    return placed(np.random.default_rng(5).uniform([0.5, 0.35], [0.9, 0.75], (8, 2)), scene.search, [0, 1])
 
 
 @pytest.fixture(scope="module")
