@@ -2,7 +2,8 @@
 
 May import: model, acoustics and cost.
 
-Every module and package inside this package except those in SHARED is a solver, a `fdcal.solvers.interface.Solver`.
+Every module and package inside this package, except those in SHARED, is a solver (`fdcal.solvers.interface.Solver`);
+the name of the module is the name of the solver.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from ..model.validation import frozen_array, require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
-PAPER = "descent"  # the paper's algorithm; no trait, because the page needs it before it loads a solver
+PAPER = "descent"  # name of the paper's algorithm; a constant here, because the page needs it before it loads a solver
 SHARED = {"interface", "levenberg_marquardt", "requirements", "starts"}
 
 
@@ -41,7 +42,7 @@ def load(name: str) -> Solver:
 
 
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:
-    """Return the settings, with the number of modes that a calibration uses in place of ALL_MODES."""
+    """Return the settings, with ALL_MODES replaced by the number of modes that a calibration uses."""
     if settings.modes != ALL_MODES:
         return settings
     from .requirements import mode_count
@@ -55,7 +56,8 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     """Yield the states of the solver `settings.name` from the start to the end.
 
     The run ends if a microphone moves farther out than the frequencies can resolve (`fdcal.solvers.interface`). If the
-    settings ask for all modes, `fdcal.solvers.requirements` determines their number.
+    settings ask for all modes, `fdcal.solvers.requirements` determines their number. Raises InputError for a problem
+    that needs too much memory, or that the solver cannot work on.
     """
     from .interface import bounded, require_affordable
 
@@ -68,9 +70,9 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
         yield state
 
 
-# The calls below compile all compiled functions, on small arrays, before a user waits for them. The first run on a
-# machine takes some seconds; later runs read the machine code from disk. Compiled code depends on the types of the
-# arrays, not on their sizes. A calibration by the likelihood needs none.
+# The page makes the calls below in advance, so that no user waits for the compiler. They use small arrays, because
+# compiled code depends on the types of the arrays, not on their sizes. On the first run on a machine they take some
+# seconds; later runs read the machine code from disk. A calibration by the likelihood needs no compiled code.
 Piece = tuple[str, Callable[[], object]]  # name of what is compiled, and the call that compiles it
 
 

@@ -1,16 +1,16 @@
-"""The interface of all solvers, the part of a state that they share, and the limits of every calibration.
+"""The interface of all solvers, the common part of their states, and the limits of every calibration.
 
 RunState    base class of the solvers' states
-Traits      properties of a solver that other modules ask for
-Estimate    result of a solver (`Solver.result`), from which alone its assessment is made
+Traits      properties of a solver that other modules need to know
+Estimate    result of a solver (`Solver.result`), the only thing that the assessment of a result reads
 Solver      protocol of a solver: a module with these functions
 
-The order of a field's expansion, and with it memory and time of a step, grows with the wavenumber times the extent of
-the array. N microphones resolve orders up to about N / 2 (Eq. 8), so that positions beyond `max_radius` mean that the
-solver has diverged.
+The order of a field's expansion, and with it the memory and the time of a step, grows with the wavenumber times the
+extent of the array. N microphones resolve orders up to about N / 2 (Eq. 8). Positions beyond `max_radius` therefore
+mean that the solver has diverged.
 
-One step may take many trials. Loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so that a calibration
-ends soon after its time limit rather than after the step.
+One step may take many trials. The loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so that a
+calibration ends soon after its time limit, even in the middle of a step.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..model.problem import ChannelCorrection, Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import LIMITS, Bools, InputError, Reals
 
-if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
+if TYPE_CHECKING:  # at run time it would load SciPy, which a session does not need before its first step
     from ..cost.likelihood import Terms
 
 
@@ -33,14 +33,14 @@ if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need b
 class ChannelEstimate:
     """Gains, filters and noise of the channels."""
 
-    # gains, gain_sigma: (N, 2) float64, log gain, nepers, and phase, radians, and one sigma of each
+    # (N, 2) float64, log gain, nepers, and phase, radians, of each channel, and their standard deviations
     gains: np.ndarray
     gain_sigma: np.ndarray
-    # filters, filter_sigma: (N, 2) float64, delay, metres (times the sound speed), and high-pass corner, rad/m (times
-    # 2 pi / c), and one sigma of each; 0 for a channel without a filter
+    # (N, 2) float64, delay times the sound speed, metres, and high-pass corner times 2 pi / c, rad/m, of each channel,
+    # and their standard deviations; 0 for a channel without a filter
     filters: Reals
     filter_sigma: Reals
-    spread: Reals  # (2,) float64, prior sigma of gains, nepers, and phases, radians, without gross faults
+    spread: Reals  # (2,) float64, prior sigma of gains, nepers, and phases, radians; gross faults do not count in it
     noise: Reals  # (N,) float64, noise of each channel over that of a healthy one
 
 
@@ -48,32 +48,32 @@ class ChannelEstimate:
 class FieldEstimate:
     """Field and noise of the modes in use, at the end of the run."""
 
-    noise_fraction: float  # noise over the mean power of the pressures
-    # power, noise: (M,) float64, of the field and of a healthy channel, in units of the mean power of each mode
+    noise_fraction: float  # noise power over the mean power of the pressures
+    # (M,) float64, power of the field, and noise power of a healthy channel, both over the mean power of each mode
     power: Reals
     noise: Reals
-    # of the likelihood with a weaker prior of an isotropic field; they predict each channel from the others
+    # terms of the likelihood with a weaker prior of an isotropic field; they predict each channel from the others
     terms: Terms
 
 
 @dataclass(frozen=True)
 class PositionSpread:
-    """The parts of the covariance of the positions. They depend on the optimum only, not on the path to it."""
+    """The parts of the covariance of the positions. They only depend on the optimum, not on the path to it."""
 
-    # newton, data: (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors, and the part of
-    # it that is due to errors of the data rather than of the priors
+    # (N D, N D) float64, metres^2: the inverse of the Gauss-Newton matrix of cost and priors, and the part of this
+    # covariance that is due to errors of the data rather than to the priors
     newton: Reals
     data: Reals
-    # ratio of the covariance that the disagreement of blocks of frequencies and takes shows to `data`, pooled over the
-    # microphones; 1 on average where the model of the field holds
+    # The blocks of frequencies and takes disagree; this is the covariance that their disagreement implies over `data`,
+    # pooled over the microphones. It is 1 on average if the model of the field is right
     dispersion: float
-    # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
+    # (N, D) float64, metres: the remaining Newton step, and the standard deviation of each coordinate
     step: np.ndarray
     sigma: np.ndarray
 
     @property
     def covariance(self) -> Reals:
-        """Covariance of the positions (N D, N D), metres^2, with `data` enlarged by the excess."""
+        """Covariance of the positions (N D, N D), metres^2, in which the part `data` is enlarged by the excess."""
         return self.newton + self.excess * self.data
 
     @property
@@ -82,67 +82,70 @@ class PositionSpread:
         return EXCESS * max(0.0, self.dispersion - 1)
 
 
-# Fraction of the excess of a dispersion over 1 that counts, because an estimate from ten blocks scatters by a factor of
-# two. Over 192 draws of 24 scenarios the logarithmic score is best at 0.7; halves of the draws or of the scenarios give
-# 0.55 to 0.95, and then 93.6 to 96.7 % of the other half lie in their 95 % ellipses (89.2 % with 0). A dispersion below
-# 1 does not count: errors would then be 1.24 times the claimed sigma, instead of 1.0 times.
+# Fraction of `dispersion` - 1 that enlarges the covariance. It is below 1, because a dispersion from ten blocks has an
+# error of a factor of two. Over 192 draws of 24 scenarios the logarithmic score is best at 0.7. The best values for
+# halves of the draws or scenarios are 0.55 to 0.95; with these, 93.6 to 96.7 % of the positions in the other half lie
+# in their 95 % ellipses (89.2 % with the value 0). A dispersion below 1 has no effect: if it reduced the covariance,
+# the errors would be 1.24 times the claimed sigma instead of 1.0 times.
 EXCESS = 0.75
 
 
 @dataclass(frozen=True)
 class GivenHypothesis:
-    """The likeliest hypothesis where given positions and pressures contradict each other."""
+    """The most likely hypothesis if given positions and pressures contradict each other."""
 
-    # (N, D) float64, metres, array with its shape from the pressures and its frame from the right given positions
+    # (N, D) float64, metres: the shape of this array comes from the pressures, its frame from the right given positions
     positions: Reals
-    sigma: Reals  # (A,) float64, metres, one sigma of this array at the microphones whose positions are given
-    noise: Reals  # (A,) float64, noise of these channels over that of a healthy one
+    sigma: Reals  # (A,) float64, metres, standard deviation of `positions` at the microphones with a given position
+    noise: Reals  # (A,) float64, noise of the channels of these microphones over that of a healthy one
     wrong: Bools  # (A,) bool, which given positions are wrong
 
 
 @dataclass(frozen=True)
 class GivenEstimate:
-    """What the solver has assumed and found of the given positions."""
+    """What the solver has assumed and found out about the given positions."""
 
-    sigma: float  # metres, one sigma of each coordinate; 0 where they are exact
+    sigma: float  # metres, assumed standard deviation of each coordinate; 0 if they are exact
     expected_sigma: float  # metres, the stated sigma or, without one, the usual sigma
-    stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each
-    carry_scale: bool  # whether only these positions fix the scale, since the pressures hardly show the array's size
-    # maps a selection (A,) bool of the given positions to the probability that they disagree with the pressures as much
-    # as this by chance
+    stiffness: Reals  # (A,) float64, 1/m^2, curvature of the prior of each given position
+    carry_scale: bool  # whether only these positions fix the scale, because the pressures hardly show the array's size
+    # returns, for a selection (A,) bool of the given positions, the probability that by chance they would disagree with
+    # the pressures at least as much as they do
     probability: Callable[[np.ndarray], float]
-    # nats by which the array is likelier than its mirror image because of these positions; infinite where none is given
+    # nats by which these positions make the array likelier than its mirror image; infinite if these cannot be compared
     mirror_advantage: float = np.inf
-    contradicted: GivenHypothesis | None = None  # None where they agree with the pressures or cannot be tested
+    contradicted: GivenHypothesis | None = None  # None if the positions agree with the pressures or cannot be tested
 
 
 @dataclass(frozen=True)
 class TriedOptimum:
-    """Another optimum of the search."""
+    """An optimum that the search has found."""
 
     positions: Reals  # (N, D) float64, metres
-    score: float  # -log evidence, up to a constant
-    same_frame: bool  # whether the given positions that fix its frame are those that fix the frame of the estimate
+    score: float  # negative log evidence, up to a constant
+    same_frame: bool  # whether the same given positions fix its frame and that of the estimate
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The result of a solver that minimises the likelihood, or is judged by it."""
+    """The result of a solver. If the solver minimises another cost, the uncertainty comes from the likelihood."""
 
-    problem: Problem  # with modes of unit power
+    problem: Problem  # with every mode scaled to unit power
     modes: slice  # the modes in use
     positions: Reals  # (N, D) float64, metres
     converged: bool  # whether the solver ended at a minimum
-    # channels, field, spread, given: as of their classes
     channels: ChannelEstimate
     field: FieldEstimate
     spread: PositionSpread
     given: GivenEstimate
-    # log_speed, log_speed_sigma: logarithm of the sound speed found over that of the problem, and one sigma; 0 if fixed
+    # logarithm of the estimated sound speed over that of the problem, and its standard deviation; both are 0 if the
+    # speed is fixed
     log_speed: float
     log_speed_sigma: float
-    tried: tuple[TriedOptimum, ...]  # the likeliest first
-    window_ratio: float = 0.0  # factor on the covariances of short windows and modes; 0 where no windows are used
+    tried: tuple[TriedOptimum, ...]  # the most likely first
+    # factor by which the covariances from short windows and from modes were enlarged because they disagree; 0 if no
+    # windows are used
+    window_ratio: float = 0.0
     interpolates: bool = False  # whether the solver interpolates the field between microphones (Eq. 7)
 
 
@@ -150,8 +153,8 @@ class Estimate:
 class RunState:
     """The part of a solver's state that page, history, session files and exports read.
 
-    A subclass adds what its `step` needs. A state is never changed: `step` returns another one. The defaults are those
-    of a run that begins with its lowest modes.
+    A subclass adds what its `step` needs. A state is never changed: `step` returns a new one. The default values are
+    those of the first state of a run that begins with its lowest modes.
     """
 
     solver: ClassVar[str]  # name of the solver that continues from this state
@@ -159,18 +162,18 @@ class RunState:
     positions: Reals  # (N, D) float64, metres, read-only
     settings: SolverSettings
     seed: int  # seed of all random numbers that the solver draws
-    # step, sweep, stage: steps taken, sweeps completed, stages completed
+    # numbers of steps taken, sweeps completed and stages completed
     step: int = 0
     sweep: int = 0
     stage: int = 0
-    moved: int = -1  # microphone that the last step moved; -1 at the start and if a step moves all of them
-    # first, last: modes in use, counted from 1, both included
+    moved: int = -1  # microphone that the last step moved; -1 at the start, or if a step moves all of them
+    # lowest and highest mode in use, counted from 1
     first: int = 1
     last: int
     automatic: bool = True  # whether the solver adds modes and begins other stages by itself
-    cost: float = 0.0  # cost of the modes in use; the solver defines it
-    finished: bool = False  # whether nothing is left to do
-    converged: bool = False  # whether it finished because no microphone moved, not because the steps were used up
+    cost: float = 0.0  # cost of the modes in use, as the solver defines it
+    finished: bool = False  # whether the run has ended
+    converged: bool = False  # whether it ended because no microphone moved any more, not because of a limit on steps
 
     @property
     def modes(self) -> slice:
@@ -179,7 +182,7 @@ class RunState:
 
     @property
     def best_positions(self) -> np.ndarray:
-        """The best positions (N, D) so far, metres, over all restarts; a run that ends early returns them."""
+        """The best positions (N, D), metres, of all restarts so far; they are the result of a run that ends early."""
         return self.positions
 
     @property
@@ -198,7 +201,7 @@ class RunState:
 
     @property
     def channels(self) -> ChannelCorrection | None:
-        """Gain and noise of every channel as estimated so far; None if the solver takes the pressures as recorded."""
+        """Gain and noise of every channel as estimated so far; None if the solver does not estimate them."""
         return None
 
 
@@ -206,14 +209,14 @@ class RunState:
 class Traits:
     """Properties of a solver."""
 
-    settings: frozenset[str]  # fields of `SolverSettings` that change what it does
-    # whether a step moves all free microphones, by the likelihood of the pressures; otherwise one of them, by Eq. 7
+    settings: frozenset[str]  # fields of `SolverSettings` that have an effect on it
+    # whether a step moves all free microphones by the likelihood of the pressures; otherwise it moves one by Eq. 7
     moves_all: bool
     needs_search: bool = False  # whether it needs a search domain, whose lattice it searches
     adds_modes: bool = False  # whether it adds modes by itself while it runs
-    # values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
+    # values of `SolverSettings.start` that it accepts, the default first; empty if it always uses its own starts
     starts: tuple[str, ...] = ()
-    draws_order: bool = False  # whether the seed matters beyond a random start
+    draws_order: bool = False  # whether the seed has an effect other than on a random start
 
 
 class Solver(Protocol):
@@ -226,7 +229,7 @@ class Solver(Protocol):
         """Return the first state of a run.
 
         settings : the start and the options of the solver
-        seed : of everything that is drawn; equal seeds give equal runs
+        seed : seed of all random numbers; equal seeds give equal runs
 
         Raises InputError for a problem or settings that the solver cannot work on.
         """
@@ -235,8 +238,8 @@ class Solver(Protocol):
     def step(self, problem: Problem, state: Any) -> Any:
         """Return the state after one step; the same state if it is finished.
 
-        A step should take a second at most: the page shows the state after each step, and a person can stop a run only
-        between two steps. It must not change `state`, because a replay shows earlier states again.
+        A step should take at most a second, because the page shows the state after each step, and a user can only stop
+        a run between two steps. It must not change `state`, because a replay shows earlier states again.
         """
         ...
 
@@ -259,7 +262,10 @@ class Solver(Protocol):
     def landscape(
         self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
     ) -> np.ndarray:
-        """Return the cost of microphone `n` over a lattice, the problem's unless given : (modes, ny, nx)."""
+        """Return the cost with microphone `n` moved over the lattice `search` : (modes, ny, nx) float64.
+
+        The lattice is by default that of the problem.
+        """
         ...
 
 
@@ -267,7 +273,7 @@ State = TypeVar("State", bound=RunState)
 
 
 def time_limit(problem: Problem, modes: int) -> float:
-    """Return the seconds of processor time that a calibration may take unless another limit is given."""
+    """Return the default limit on the processor time of a calibration, seconds."""
     pairs = problem.pressures.shape[1] ** 2 * min(modes, len(problem.pressures))
     return LIMITS.seconds * max(1.0, pairs / LIMITS.usual_pairs)
 
@@ -302,12 +308,12 @@ def max_radius(problem: Problem, modes: int) -> float:
 
 
 def bounded(problem: Problem, before: State, after: State) -> State:
-    """Return the state `after` a step or, if a microphone has diverged, the state `before` it, ended unconverged."""
-    # a session may run a solver of other problems, which has no such limit
+    """Return the state `after` a step, or the state `before` it as the end of the run if a microphone has diverged."""
+    # A session can also run a solver of problems of another class, which has no such limit.
     if not isinstance(problem, Problem):  # pyright: ignore[reportUnnecessaryIsInstance]
         return after
     search = max(problem.search.size) if problem.search is not None else 0.0
-    known, start = radius(problem.known_positions), radius(before.positions)  # what starts further out may stay there
+    known, start = radius(problem.known_positions), radius(before.positions)  # a larger start is not a divergence
     limit = max(max_radius(problem, before.settings.modes), search, 2 * known, start)
     return after if np.isfinite(after.positions).all() and radius(after.positions) <= limit else ended_early(before)
 

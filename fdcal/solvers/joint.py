@@ -1,8 +1,8 @@
-"""Positions alone: the likelihood solver (`fdcal.solvers.robust`) for matched channels and exact given positions.
+"""Solver "joint": the likelihood solver (`fdcal.solvers.robust`) for matched channels and exact given positions.
 
-Gains are not estimated, and given positions never move. A restart that leaves no more than the reported noise ends the
-search, because with so few unknowns a wrong array leaves more. In space the field stays isotropic, since learning the
-power of hundreds of directions would take most of the time. This preset is two to five times as fast.
+Only positions are estimated: the gains are fixed, and microphones with a given position never move. In space the field
+stays isotropic, since learning the power of hundreds of directions would take most of the time. This preset is two to
+five times as fast as "robust".
 """
 
 from dataclasses import dataclass, replace
@@ -28,14 +28,18 @@ TRAITS: Traits = replace(
 
 @dataclass(frozen=True)
 class State(robust.State):
-    """State of the likelihood solver with this preset."""
+    """State of the likelihood solver with the preset of this module."""
 
     solver: ClassVar[str] = "joint"
     quick: ClassVar[bool] = True
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the start that `settings.start` names or at `positions` (N, D), metres."""
+    """Return the first state, at the start that `settings.start` names or at `positions` (N, D), metres.
+
+    Raises InputError for too few modes or microphones, known positions that do not fix the gauge, or a random start
+    without a search domain.
+    """
     from . import starts
 
     require_solvable(problem, settings)

@@ -1,8 +1,8 @@
 """One damped Gauss-Newton step (Levenberg-Marquardt), for any cost with a gradient and a Gauss-Newton matrix.
 
-The caller provides functions that apply a step y of the parameters to the unknowns and measure how far positions move.
-The same step therefore serves positions in a subspace (`fdcal.solvers.starts`), and positions with the gains of the
-channels (`fdcal.solvers.robust.objective`).
+The caller provides functions that apply a step y of the parameters to the unknowns, and that measure how far positions
+move. The same code can therefore move positions in a subspace (`fdcal.solvers.starts`), positions together with the
+gains of the channels (`fdcal.solvers.robust.objective`), and the parameters of `fdcal.cost.short_windows`.
 """
 
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from scipy.linalg import cho_factor, cho_solve
 from ..acoustics.compiled import check_deadline
 
 Unknowns = TypeVar("Unknowns")
-FIRST_DAMPING = 1e-3  # damping of the first step, and of the next after one that has failed
+FIRST_DAMPING = 1e-3  # damping of the first step, and of the step after one that has failed
 
 
 @dataclass(frozen=True)
 class NewtonTerms:
-    """Cost, its gradient (P,) and its Gauss-Newton matrix (P, P) in the parameters."""
+    """Cost, its gradient (P,) and its Gauss-Newton matrix (P, P) with respect to the P parameters."""
 
     cost: float
     gradient: np.ndarray
@@ -33,16 +33,17 @@ class DampedStep(Generic[Unknowns]):
 
     unknowns: Unknowns  # unchanged if no step lowers the cost
     cost: float
-    decrease: float  # of the cost
+    decrease: float  # decrease of the cost
     damping: float  # damping of the next step
-    moved: float  # metres, greatest change of a coordinate; 0 without a step
+    moved: float  # metres, largest change of a coordinate; 0 without a step
 
 
 MIN_DAMPING = 1e-9
-MAX_DAMPING = 1e6  # above it no step is tried
+MAX_DAMPING = 1e6  # no step is tried with a damping above this
 INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
 DECREASE = 10.0  # divisor of the damping after a step
-MIN_DECREASE = 1e-12  # relative decrease of the cost below rounding errors; a trial that promises less is the last
+# relative decrease of the cost that is below rounding errors; no more steps are tried once one predicts less than this
+MIN_DECREASE = 1e-12
 
 
 def damped_step(
@@ -54,10 +55,11 @@ def damped_step(
     damping: float,
     max_step: float,
 ) -> DampedStep[Unknowns]:
-    """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
+    """Return the first of a series of steps with increasing damping that lowers the cost; no step if none does.
 
-    advance : returns the unknowns after a step (P,) of the parameters; length : returns how far these have moved,
-    metres; max_step : metres, a longer step is damped more, because it could leave the basin
+    cost : returns the cost at some unknowns; advance : returns the unknowns after a step (P,) of the parameters;
+    length : returns how far these unknowns have moved, metres; damping : dimensionless, of the first trial; max_step :
+    metres, a longer step is damped more, because it could leave the basin
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
@@ -66,13 +68,13 @@ def damped_step(
         damped = H + damping * np.diag(scale)
         try:
             y = cho_solve(cho_factor(damped, check_finite=False), -g, check_finite=False)
-        except np.linalg.LinAlgError:  # indefinite by rounding errors, where the gauge is free and the damping is low
+        except np.linalg.LinAlgError:  # with a free gauge and low damping, rounding errors can make H indefinite
             y = np.linalg.lstsq(damped, -g, rcond=None)[0]
         tried = advance(y)
         moved = length(tried)
         try:
             lower = cost(tried) if moved <= max_step else np.inf
-        except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one position without noise
+        except np.linalg.LinAlgError:  # a covariance is singular, as with two microphones at one position without noise
             lower = np.inf
         if lower < terms.cost:
             return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)

@@ -1,6 +1,6 @@
-"""What a measurement needs so that its microphones can be found, and the number of modes that a calibration uses.
+"""The requirements on a measurement whose microphones are to be found, and the number of modes in a calibration.
 
-mode_count      number of modes in use unless it is given: all measured ones, within three limits
+mode_count      default number of modes in use: all measured ones, within three limits
 check_solvable  requirements of every calibration: enough equations, and microphones that are not on one line
 require_modes   additional requirements of the solvers that minimise a likelihood
 """
@@ -19,10 +19,10 @@ from .starts import singular_vectors
 
 
 def mode_count(problem: Problem, usable: int, interpolates: bool) -> int:
-    """Return how many of the lowest modes a calibration uses unless their number is given.
+    """Return how many of the lowest modes a calibration uses by default.
 
-    It is limited by the number `usable` that the solver can use, by memory and, if the solver `interpolates` the field
-    between microphones, by Eq. 9.
+    Their number is limited by the number `usable` that the solver can use, by memory and, if the solver `interpolates`
+    the field between microphones, by Eq. 9.
     """
     measured, microphones = problem.pressures.shape
     count = min(measured, usable or measured, int(LIMITS.pairs // microphones**2))
@@ -35,9 +35,9 @@ RADIUS_FACTOR = 1.5  # factor by which the radius from the coherence may be too 
 
 
 def highest_frequency(problem: Problem) -> float:
-    """Return f_max (Eq. 9), Hz, for the smallest array that fits the coherence; infinite where that shows no radius.
+    """Return f_max (Eq. 9), Hz, for the smallest array that fits the coherence; infinite if no radius follows from it.
 
-    The limit is only accurate to a factor of 1.5; the verdict checks the array that is found.
+    The limit is only accurate to a factor of 1.5; the verdict is based on the array that is found.
     """
     radius = array_radius(problem.pressures, problem.wavenumbers, problem.dimension)
     if radius is None:
@@ -51,10 +51,10 @@ def highest_frequency(problem: Problem) -> float:
 
 
 def min_microphones(dimension: int) -> int:
-    """Return the least number of microphones of an array in a field of two or three dimensions.
+    """Return the smallest number of microphones of an array in a field of two or three dimensions.
 
-    A field of the lowest order has `dimension` + 1 functions. In the plane the same number of equations must be left
-    for the positions; in space fewer microphones suffice if there are several takes (`check_solvable`).
+    A field of the lowest order has `dimension` + 1 functions. In the plane the same number of equations must remain for
+    the positions; in space fewer microphones suffice if there are several takes (`check_solvable`).
     """
     return 6 if dimension == 2 else 4
 
@@ -70,7 +70,7 @@ def require_range(problem: Problem, first: int, last: int) -> None:
         raise InputError(message, f"use at most {measured} frequencies (<modes>), or measure more", key="modes")
 
 
-MIN_MODES = {2: 6, 3: 12}  # least number of modes, by the dimension of the sound field
+MIN_MODES = {2: 6, 3: 12}  # smallest number of modes, by the dimension of the sound field
 
 
 def require_modes(problem: Problem, count: int) -> None:
@@ -79,8 +79,8 @@ def require_modes(problem: Problem, count: int) -> None:
     microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
-    # the real equations of a row that remain after the functions of its field are fitted
-    equations, unknowns = max(1, 2 * (microphones - problem.dimension - 1)), problem.array_dimension * len(problem.free)
+    equations = max(1, 2 * (microphones - problem.dimension - 1))  # real ones of a row, after the field is fitted
+    unknowns = problem.array_dimension * len(problem.free)
     needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:
         message = f"{count} frequencies are too few for {unknowns} unknown coordinates"
@@ -99,11 +99,11 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")
     (measured, N), D, takes = problem.pressures.shape, problem.array_dimension, len(np.unique(problem.takes))
-    # Without a given position, rigid motions do not count as unknowns.
+    # Without given positions the array is only sought up to a rigid motion.
     unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
-    # A standing wave is real up to its phase, so that a row has one real equation for each microphone beyond the number
-    # of functions of a field of the lowest order. Where there are no such microphones, only the direct sound of a take
-    # determines positions: it is one wave from an unknown direction, which leaves N - dimension equations per take.
+    # A standing wave is real except for its phase, so that a row has one real equation for each microphone beyond the
+    # number of functions of a field of the lowest order. If there are no such microphones, only the direct sound of a
+    # take determines positions. It is one wave from an unknown direction, which leaves N - dimension equations a take.
     needed = 1 if N > problem.dimension + 1 else -(-unknowns // max(1, N - problem.dimension))
     if N < min_microphones(problem.dimension):
         message = f"{N} microphones are too few: a field of the lowest order has {problem.dimension + 1} functions"
@@ -112,8 +112,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         message = f"{N} microphones are too few with {takes} take{'s' * (takes > 1)}"
         remedy = f"record {needed} takes, the source at another place in each, or use {problem.dimension + 2} or more"
         raise InputError(message, f"{remedy} microphones", key="pressures")
-    each = max(1, N - D - 1)
-    needed, used = -(-unknowns // each), min(modes, measured)
+    needed, used = -(-unknowns // max(1, N - D - 1)), min(modes, measured)
     if used < needed:
         fault = (
             f"{used} frequencies are too few for {unknowns} unknown coordinates of {len(problem.free)} microphones;"
@@ -125,19 +124,18 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         _check_line(problem, modes)
 
 
-LINE_DEGREE = 4  # degree of the polynomials: the second singular vector of a line is a polynomial of its first
-# for microphones on a line: least fraction of the last singular vector that is a polynomial of the others
-LINE_EXPLAINED = 0.97
-# for microphones on a line: largest ratio of the last to the first singular value
-LINE_FLATNESS = 0.25
+# Microphones on a line have a second singular vector that is a polynomial of the first one.
+LINE_DEGREE = 4  # degree of the polynomial in the plane
+LINE_EXPLAINED = 0.97  # smallest fraction of the last singular vector that the polynomial explains
+LINE_FLATNESS = 0.25  # largest ratio of the last to the first singular value
 
 
 def _check_line(problem: Problem, modes: int) -> None:
-    """Raise InputError if the microphones seem to stand on one line (in space, on one plane).
+    """Raise InputError if the microphones seem to stand on one line (in space, in one plane).
 
-    Then the last singular vector is a polynomial of the others. The same happens for any array if the sound travels
-    along one line or plane, because the pressures do not change across it: 18 of 60 arrays of 16 microphones in fields
-    of three waves are refused.
+    In that case the last singular vector is a polynomial of the others. The same happens for any array if the sound
+    only travels along one line or plane, because the pressures do not change perpendicular to it: 18 of 60 arrays of 16
+    microphones in fields of three waves are refused.
     """
     N, D = problem.pressures.shape[1], problem.array_dimension
     if is_single_wave(problem.pressures[:modes]):

@@ -1,16 +1,16 @@
 """Where a solver starts: at random, in closed form from the lowest modes, or from the coherence between microphones.
 
-affine     At low frequency the field over the array is nearly affine, so that the data matrix [Re p; Im p] of the
-           lowest modes, minus its mean over the microphones, has D dominant singular vectors: the positions up to an
-           affine map. Known microphones fix that map. Without them the diffuse field gives a first guess, because its
-           gradient has the power k^2 / dimension in each direction, and the likelihood of all modes then determines
-           the metric, which has D (D + 1) / 2 parameters.
+affine     At low frequency the field over the array is nearly an affine function of the position. The data matrix
+           [Re p; Im p] of the lowest modes, minus its mean over the microphones, therefore has D dominant singular
+           vectors, which are the positions up to an affine map. Known microphones fix that map. Without them, a first
+           guess of the map follows from the diffuse field, whose gradient has the power k^2 / dimension in each
+           direction; then the likelihood of all modes determines the metric, which has D (D + 1) / 2 parameters.
 coherence  In a diffuse field two microphones at a distance r have the coherence E[p_i conj(p_j)] / power = kappa(k r).
-           All frequencies together give the likeliest distance of every pair, with an error of about a tenth, since one
-           source excites few directions at each frequency. Unlike the affine start, this one works for an array that is
-           not small against the wavelength. Distances of far pairs are ambiguous: the array is first unfolded along
-           near pairs (Tenenbaum, de Silva and Langford, Science 290, 2000: isomap), and stress majorisation (de Leeuw,
-           1977) then uses far pairs where they are consistent.
+           All frequencies together yield the most likely distance of every pair. Its error is about a tenth, because
+           one source excites only few directions at each frequency. Unlike the affine start, this start also works if
+           the array is not small compared with the wavelength. The distances of far pairs are ambiguous. The array is
+           therefore first unfolded along near pairs (isomap: Tenenbaum, de Silva and Langford, Science 290, 2000);
+           then stress majorisation (de Leeuw, 1977) uses the far pairs that are consistent with it.
 """
 
 from dataclasses import dataclass, replace
@@ -30,9 +30,9 @@ from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Return free microphones drawn uniformly in the search domain, and known ones : (N, D) float64, metres.
+    """Return positions (N, D) float64, metres: random ones in the search domain, given ones for known microphones.
 
-    InputError for a problem without a search domain.
+    The random positions have a uniform distribution. Raises InputError for a problem without a search domain.
     """
     if problem.search is None:
         raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
@@ -42,13 +42,13 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes in affine starts, by dimension of the field
-# Number of random starts, which are used if the others disagree, and numbers of modes to which they are fitted first.
-# There are fewer starts if there are many microphones, because each then takes longer.
+LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes from which affine starts are computed, by dimension
+# Random starts are used if the other starts disagree. Arrays of more than RANDOM_SIZE microphones have fewer of them,
+# because each then takes longer.
 RANDOM_STARTS = 32
-RANDOM_SIZE = 24  # number of microphones above which there are fewer random starts
-RANDOM_LOWEST = (3, 5, 8)
-COHERENCE_LOWEST = 5
+RANDOM_SIZE = 24
+RANDOM_LOWEST = (3, 5, 8)  # numbers of the lowest modes to which random starts are fitted first, in turn
+COHERENCE_LOWEST = 5  # the same for starts by coherence
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ class Start:
     """How one start is computed."""
 
     kind: str  # "affine", "coherence" or "random"
-    number: int  # number of the modes used, or of a random start
+    number: int  # how many modes it is computed from; for a random start its number, which is also the seed
     lowest: int  # number of the lowest modes to which it is fitted first
-    given: bool = False  # whether given positions determine it
+    given: bool = False  # whether it depends on the given positions
 
 
 def plan(problem: Problem, modes: int) -> list[Start]:
-    """Return the starts of a problem whose `modes` lowest modes are in use."""
+    """Return the starts of a problem whose `modes` lowest modes are in use, in the order in which they are tried."""
     whole, half = (Start("coherence", n, COHERENCE_LOWEST) for n in (modes, max(modes // 2, 1)))
     kinds = (True, False) if len(problem.known) else (False,)
     counts = dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])
@@ -75,13 +75,13 @@ def plan(problem: Problem, modes: int) -> list[Start]:
 def start(problem: Problem, modes: int, noise: float | None, one: Start) -> np.ndarray:
     """Return the positions (N, D), metres, of one start; noise : reported noise fraction, or None.
 
-    InputError if the modes do not determine it.
+    Raises InputError if the modes do not determine the start.
     """
     if one.kind == "affine":
         return affine(problem, modes, one.number)
-    D, every = problem.array_dimension, modes // one.number if one.kind == "coherence" else 1
+    every = modes // one.number if one.kind == "coherence" else 1
     p, k = problem.pressures[:modes:every], problem.wavenumbers[:modes:every]
-    x = coherence_start(p, k, noise, problem.dimension, D)
+    x = coherence_start(p, k, noise, problem.dimension, problem.array_dimension)
     if one.kind == "random":
         return np.sqrt(np.mean(x**2)) * np.random.default_rng(one.number).standard_normal(x.shape)
     return x
@@ -93,10 +93,11 @@ def without_given(problem: Problem) -> Problem:
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
-    """Return positions (N, D), metres, from the lowest modes, exact up to the gauge where the field is affine.
+    """Return positions (N, D), metres, from the lowest modes; they are exact up to the gauge if the field is affine.
 
-    modes : number of modes that may be used, from the lowest up; lowest : number of modes that give the shape. Without
-    known microphones the positions are centred on the origin.
+    modes : number of modes that may be used, from the lowest up; lowest : number of modes that determine the shape.
+    Without known microphones the positions are centred on the origin. Raises InputError if the modes span too few
+    directions, or if known microphones do not fix the gauge.
     """
     shape, values, lowest = singular_vectors(problem, modes, lowest)
     if not len(problem.known):
@@ -117,7 +118,10 @@ def require_gauge(problem: Problem) -> None:
 
 
 def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and modes that gave them."""
+    """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and how many modes are used.
+
+    Raises InputError if the modes span fewer than D directions.
+    """
     lowest = min(LOWEST[problem.dimension][0] if lowest is None else lowest, modes)
     data = np.concatenate([np.real(problem.pressures[:lowest]), np.imag(problem.pressures[:lowest])])
     data = data - data.mean(axis=1, keepdims=True)
@@ -132,25 +136,25 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
     return vectors[:D].T, values[:D], lowest
 
 
-METRIC_MODES = 28  # modes to which the metric is first fitted, before all modes are used
-# factors on the first guess of the size that are tried; the guess is too large where the field is not quite affine
+METRIC_MODES = 28  # number of modes to which the metric is first fitted, before all modes are used
+# factors on the first guess of the size that are tried; the guess is too large if the field is not quite affine
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-METRIC_STEPS = 12  # steps of a fit of the metric at most
-METRIC_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further
-METRIC_PRESSURES = 4000  # approximate number of pressures in a fit; every n-th mode is used where there are more
-MIN_MODES = 24  # least number of modes in a fit, if there are as many
+METRIC_STEPS = 12  # largest number of steps in a fit of the metric
+METRIC_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further than this in a step
+METRIC_PRESSURES = 4000  # approximate number of pressures in a fit; if there are more, only every n-th mode is used
+MIN_MODES = 24  # smallest number of modes in a fit, if so many are available
 MAX_UNEXPLAINED = 0.5  # largest noise fraction of a mode in a fit
 
 
 def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowest: int) -> np.ndarray:
-    """Return the shape of `singular_vectors` with the likeliest metric : (N, D), metres."""
+    """Return the shape from `singular_vectors` with the most likely metric : (N, D), metres."""
     (N, D), k, first = shape.shape, np.real(problem.wavenumbers), min(METRIC_MODES, modes)
     axes, pairs = np.eye(D), combinations_with_replacement(range(D), 2)
     maps = [np.maximum(np.outer(axes[a], axes[b]), np.outer(axes[b], axes[a])) for a, b in pairs]
     basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
 
     def unexplained(x: Reals, count: int) -> tuple[Complexes, FieldModel, NoiseEstimate]:
-        """Return some pressures in unit power, an isotropic field without noise, and what this leaves unexplained."""
+        """Return some pressures of unit power, an isotropic field without noise, and the noise that it leaves."""
         used = np.arange(count)[:: max(1, min(count * N // METRIC_PRESSURES, count // MIN_MODES))]
         p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
         field = isotropic_field(p, k[used], np.zeros(len(p)), problem.dimension)
@@ -167,7 +171,7 @@ def _with_metric(problem: Problem, modes: int, shape: Reals, values: Reals, lowe
 
 
 def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Reals) -> np.ndarray:
-    """Return positions (N, D), metres, after damped steps along `basis` (N D, F)."""
+    """Return positions (N, D), metres, after damped steps in the subspace of the columns of `basis` (N D, F)."""
     x, damping = positions, FIRST_DAMPING
     max_step = float(np.ptp(x, axis=0).max()) / 2  # a very large array would need expansions of a very high order
 
@@ -190,15 +194,15 @@ def _fitted(positions: Reals, pressures: Complexes, field: FieldModel, basis: Re
     return x
 
 
-# subsets of the given positions on which an array is aligned, at most; with 3 subsets 2 of 24 arrays with 9 to 20 given
-# positions are not found
+# largest number of subsets of the given positions with which an array is aligned; with 3 instead of 40 subsets, 2 of 24
+# arrays with 9 to 20 given positions are not found
 SUBSETS = 40
 
 
 def best_subset(x: Reals, places: Reals) -> np.ndarray:
-    """Return the numbers (D + 1,) int64 of the points of `x` whose alignment with `places` has the least median error.
+    """Return the numbers (D + 1,) int64 of the points of `x` whose alignment with `places` has the lowest median error.
 
-    x, places : (A, D), metres, the array found and the given positions; at most SUBSETS subsets are tried
+    x, places : (A, D), metres, estimated and given positions; at most SUBSETS subsets of D + 1 points are tried
     """
 
     def error(chosen: tuple[int, ...]) -> float:
@@ -209,28 +213,28 @@ def best_subset(x: Reals, places: Reals) -> np.ndarray:
 
 
 def aligned(problem: Problem, x: Reals) -> np.ndarray:
-    """Return a blind array aligned with the given positions by the `best_subset` of them."""
+    """Return positions x (N, D), metres, in any frame, aligned with the `best_subset` of the given positions."""
     chosen = best_subset(x[problem.known], problem.known_positions)
     return onto(x, problem.known[chosen], problem.known_positions[chosen])
 
 
 def onto(x: Reals, known: np.ndarray, places: Reals) -> np.ndarray:
-    """Return `x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
+    """Return `x` moved by the best rigid motion or mirror image that takes microphones `known` to `places`."""
     target = np.zeros_like(x)
     target[known] = places
     return align(x, target, known)
 
 
-MAX_PRODUCTS = 3e5  # pressure products M N (N - 1) / 2 at most; some of the modes are used where there are more
-# noise fractions that are tried where none is reported; the first one is also the least fraction that is assumed
+MAX_PRODUCTS = 3e5  # largest number of pressure products M N (N - 1) / 2; if there are more, some modes are left out
+# noise fractions that are tried if none is reported; the first one is also the smallest fraction that is assumed
 NOISE_FRACTIONS = (1e-2, 3e-2, 0.1, 0.3)
-NEIGHBOURS = 10  # number of nearest microphones of each that are connected when the array is unfolded
-# distance times the largest k beyond which a pair has the weight FAR_WEIGHT, for each round of majorisation
+NEIGHBOURS = 10  # when the array is unfolded, each microphone is connected with this number of nearest ones
+# for each round of majorisation, distance times the largest k beyond which a pair has the weight FAR_WEIGHT
 REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
 FAR_WEIGHT = 0.1
-SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array get less weight
+SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array have less weight
 ITERATIONS = 30  # number of iterations of majorisation in a round
-MAX_RADIUS = 2.5  # distance from the middle, over its median, beyond which a microphone is moved to the middle
+MAX_RADIUS = 2.5  # a microphone whose distance from the middle, over the median, exceeds this is moved to the middle
 
 
 def coherence_start(
@@ -238,8 +242,8 @@ def coherence_start(
 ) -> np.ndarray:
     """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
 
-    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) rad/m, the real parts count;
-    noise : noise fraction, None for the likeliest of NOISE_FRACTIONS; dimension : of the field
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,), rad/m, whose real parts are used;
+    noise : noise fraction, None for the most likely of NOISE_FRACTIONS; dimension : of the field
     """
     N, k = pressures.shape[1], np.real(wavenumbers)
     count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
@@ -257,29 +261,30 @@ def coherence_start(
         weight = weight - np.diag(np.diag(weight))
         system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant fixes the mean
         inverse = np.linalg.inv(np.asarray(system))
-        for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
+        for _ in range(ITERATIONS):  # each iteration lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
         x = x - x.mean(axis=0)
     radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
-    outliers = radius > MAX_RADIUS * np.median(radius)  # these are coherent with no other: dead or noisy
+    outliers = radius > MAX_RADIUS * np.median(radius)  # dead or noisy channels, which are coherent with no other
     return np.where(outliers[:, None], np.median(x, axis=0), x)
 
 
-DISTANCES = 60  # number of candidates of a distance, geometrically spaced
+DISTANCES = 60  # number of candidates for a distance, geometrically spaced
 SHORTEST = 0.04  # smallest candidate times the largest k
 LONGEST = 3.0  # largest candidate times the smallest k
 
 
 def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimension: int) -> tuple[np.ndarray, float]:
-    """Return the likeliest distances (N, N) between microphones, metres, and the sum of their -log likelihoods.
+    """Return the most likely distances (N, N) between microphones, metres, and the sum of their -log likelihoods.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
     """
     N, k = pressures.shape[1], wavenumbers
     i, j = np.triu_indices(N, 1)
     power = np.abs(pressures) ** 2
-    both, cross = power[:, i] + power[:, j], 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
+    both = power[:, i] + power[:, j]
+    cross = 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
     candidates = np.geomspace(SHORTEST / float(k.max()), LONGEST / float(k.min()), DISTANCES)
     kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, NOISE_FRACTIONS[0]))
     det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
@@ -294,7 +299,7 @@ def _distances(x: Reals) -> np.ndarray:
 
 
 def _unfolded(distance: Reals, neighbours: int, axes: int) -> np.ndarray:
-    """Return positions (N, axes), metres, by classical scaling of the shortest paths over near neighbours."""
+    """Return positions (N, axes), metres, by multidimensional scaling of the shortest paths over near neighbours."""
     N = len(distance)
     near = np.argsort(distance + np.diag(np.full(N, np.inf)), axis=1)[:, :neighbours]
     graph, rows = np.zeros((N, N)), np.arange(N)[:, None]

@@ -1,9 +1,9 @@
-"""Positions, channel gains and channel noise together: Levenberg-Marquardt on one likelihood, in stages.
+"""Solver "robust": positions, channel gains and channel noise by Levenberg-Marquardt on one likelihood, in stages.
 
-    step     one damped Gauss-Newton step of all free unknowns, then one iteration of the fixed point for the power of
-             the field, the noise of the channels and the spreads of the gains
-    stage    one of `state.STAGES`: the positions, then also the gains, then also the directions of the field
-    restart  the stages from one of the starts that `search` finds; the likeliest optimum is then refined
+    step     one damped Gauss-Newton step of all free unknowns, then one step of the fixed-point iteration for the power
+             of the field, the noise of the channels and the standard deviations of the gains
+    stage    one of `state.STAGES`: first the positions, then also the gains, then also the directions of the field
+    restart  a run through the stages from one of the starts that `search` finds; the best optimum is then refined
 
 `fdcal.cost.likelihood` computes the likelihood, `objective` adds priors and takes steps, and `schedule` decides what
 follows a stage.
@@ -38,7 +38,10 @@ TRAITS = Traits(
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at `positions` (N, D), metres, or at the likeliest start."""
+    """Return the first state, at `positions` (N, D), metres, or at the first start of the search.
+
+    Raises InputError for too few modes or microphones, or known positions that do not fix the gauge.
+    """
     require_solvable(problem, settings)
     return begin(State, problem, settings, seed, positions)
 
@@ -49,19 +52,19 @@ def require_solvable(problem: Problem, settings: SolverSettings) -> None:
     require_gauge(problem)
 
 
-# A stage that learns the directions of a field in space ends when the RMS move in one step, in sigmas of the
-# coordinates, falls below this: the directions still change long after the positions have settled. Four takes of 32
-# microphones end 0.1 to 0.5 mm from where many more steps would lead, with an error of 3 to 4 mm. The rule does not
-# apply to fields in the plane, where learning directions takes little time: with it the error of an array whose size is
-# hardly determined would grow from 14 to 17 mm.
+# A stage that learns the directions of a field in space ends when the RMS move in one step falls below this number of
+# standard deviations of the coordinates, because the directions still change long after the positions have settled. An
+# array of 32 microphones with four takes, whose error is 3 to 4 mm, ends 0.1 to 0.5 mm away from where many more steps
+# would lead. The rule does not apply to fields in the plane, where learning directions takes little time: there it
+# would increase the error of an array whose size is hardly determined from 14 to 17 mm.
 TOLERANCE_SIGMAS = 0.05
-# A stage that learns directions continues while the cost decreases by more than this, nats. Without this condition the
-# error of an array in the plane whose size is hardly determined grows from 14 to 17 mm.
+# A stage that learns directions continues while a step lowers the cost by more than this, nats. Without this condition
+# the error of an array in the plane whose size is hardly determined grows from 14 to 17 mm.
 LEARNED_NATS = 0.5
 
 
 def step(problem: Problem, state: State) -> State:
-    """Return `state` after one damped step, or one start in the search; the same state if it is finished."""
+    """Return `state` after one damped step or, in the search, after one start; the same state if it is finished."""
     if state.finished:
         return state
     problem, progress, stage = objectives.in_unit_power(problem), state.progress, STAGES[state.progress.stage]
@@ -87,9 +90,9 @@ def step(problem: Problem, state: State) -> State:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
-    InputError if these modes were not measured, or are too few for the unknown coordinates.
+    Raises InputError if these modes were not measured, or are too few for the unknown coordinates.
     """
     require_range(problem, first, last)
     require_modes(problem, last)
@@ -100,28 +103,27 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
-    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, at the present gains.
+    """Return the cost of each mode with microphone `n` moved over the lattice, at the present gains.
 
-    It is (modes, ny, nx) float64, dimensionless; in space the lattice is the horizontal layer at the height of the
-    microphone. Where short windows count, each mode holds an equal part of their term, so that the sum over the modes
-    in use is what the last stage minimises.
+    The cost is the negative log-likelihood, (modes, ny, nx) float64, dimensionless. In space the lattice is the
+    horizontal layer at the height of the microphone. If short windows are used, each mode contains an equal part of
+    their term, so that the sum over the modes in use is what the last stage minimises.
     """
-    from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
+    from ...cost.maps import likelihood_maps  # imported here, because only maps need it
 
     problem = objectives.in_unit_power(problem)
     pressures, k = objectives.corrected(problem, state, slice(None)), objectives.wavenumbers(problem, state)
-    least = DIFFUSE_FLOOR * mode_power(pressures[modes])
-    noise_power = np.maximum(state.model.noise[modes], least)
+    noise_power = np.maximum(state.model.noise[modes], DIFFUSE_FLOOR * mode_power(pressures[modes]))
     equal = replace(problem, pressures=pressures, wavenumbers=k)
     maps = likelihood_maps(equal, state.positions, n, modes, noise_power, search)
     term = objectives.window_term_of(state.model)
     if term is None:
         return maps
     domain = search_domain(problem) if search is None else search
-    beside = term.costs(state.positions, n, domain.layer()[..., :2]) / len(problem.pressures[state.modes])
-    return maps / state.model.tempering + beside
+    of_windows = term.costs(state.positions, n, domain.layer()[..., :2])
+    return maps / state.model.tempering + of_windows / len(problem.pressures[state.modes])
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
-    """Return the number of modes measured: the likelihood can use all of them."""
+    """Return the number of measured modes, because the likelihood can use all of them."""
     return len(problem.frequencies)

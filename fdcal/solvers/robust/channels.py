@@ -1,12 +1,12 @@
 """Search for the position, gain and delay of suspicious channels, which may be in a wrong basin or inverted.
 
-With channel n left out, the others predict its pressure at a position x as e_m(x), with the variance V_m(x). A channel
-of complex gain g then has the cost
+Channel n is left out. The other channels predict its pressure at a position x as e_m(x), with the variance V_m(x). With
+a complex gain g, found by weighted least squares, the cost of the channel is
 
-    cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g),    g by weighted least squares
+    cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g)
 
-A channel may also have a delay of more than a period, where that explains it much better. The steps of the solver find
-smaller delays and high-passes (`noise.with_filters`).
+A channel is also assumed to have a delay of more than a period if that lowers the cost clearly. The steps of the solver
+find smaller delays and high-pass filters (`noise.with_filters`).
 """
 
 from dataclasses import replace
@@ -23,15 +23,15 @@ from .noise import with_noise
 from .objective import NU, constrained_positions, gains_are_free, used_modes, wavenumbers
 from .state import SUSPICIOUS, State
 
-SEARCH_MODES = 16  # modes used in the search, to save time
-MAX_EXAMINED = 6  # channels examined at once, to save time
-# absolute log gain above which a gain is a gross fault, as of an inverted channel; without this rule the error of a
-# blind circle grows from 18 to 25 mm
+SEARCH_MODES = 16  # number of modes used in the search, to save time
+MAX_EXAMINED = 6  # largest number of channels that are examined in one search, to save time
+# absolute complex log gain above which a gain is a gross fault, such as that of an inverted channel; without this rule
+# the error of a blind circle grows from 18 to 25 mm
 GROSS = 0.5
-# Filters are sought only if no more channels than this are suspicious. Without this limit six healthy channels get a
+# Filters are only sought if no more channels than this are suspicious. Without this limit six healthy channels get a
 # filter, and an array with an error of 5.4 mm and a claimed sigma of 1.1 mm gets the verdict "good".
 MAX_FILTERED = 3
-SPACING = 0.125  # distance of candidates, in shortest wavelengths
+SPACING = 0.125  # spacing of the candidates, in shortest wavelengths
 
 
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
@@ -45,7 +45,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         np.array(v) for v in (state.positions, state.gains, state.offsets, model.filters, model.channel_noise)
     )
     spacing = SPACING * 2 * np.pi / float(k.max())
-    # The nearest candidate is up to half a spacing away from the right position, which adds to the noise.
+    # The nearest candidate can be half a spacing away from the right position along each axis; this adds noise.
     noise = model.noise[used] + power * (k * spacing / 2) ** 2 / problem.dimension
     suspects = [n for n in np.argsort(-tau)[:MAX_EXAMINED] if tau[n] > SUSPICIOUS]
     filters = gains and len(suspects) <= MAX_FILTERED
@@ -60,8 +60,8 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
-        share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
-        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(np.real(log_gain[:, n]))
+        misfit = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
+        noisy = np.sum(np.log(V[:, 0] + extra) + misfit) + 2 * np.sum(np.real(log_gain[:, n]))  # the present cost
         found = min((_best(p[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
         if found[0] < noisy:
             _, best, value, cut[n] = found
@@ -77,29 +77,29 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
     return with_noise(problem, elsewhere, rough=not gains), True
 
 
-# greatest delay that is tried, metres (times the sound speed), and number of delays
+# largest delay (times the sound speed) that is tried, metres, and number of delays
 MAX_DELAY = 0.7
 DELAY_COUNT = 41
-# filters (delay, corner) that are tried: first none, then delays
+# filters (delay, corner) that are tried: first no filter, then delays
 FILTER_GRID = [np.array([d, 0.0]) for d in (0.0, *(d for d in np.linspace(-MAX_DELAY, MAX_DELAY, DELAY_COUNT) if d))]
 FILTER_NATS = 8.0  # nats by which a filter must lower the cost
-COHERENT = 0.75  # least squared coherence of a channel with a filter and its prediction
+COHERENT = 0.75  # smallest squared coherence between a channel with a filter and its prediction
 
 
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
-    """Return cost, candidate, log gain and filter where a channel p (M,) with the filter `cut` (2,) fits best."""
+    """Return cost, candidate, log gain and filter for the best fit of a channel p (M,) with the filter `cut` (2,)."""
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     q = p * np.exp(-response)
     cost, value = _fitted(q, e, V)
     best, price = int(np.argmin(cost)), 2 * np.sum(np.real(response))
-    if np.any(cut):  # some combination of filter and position slightly fits even a channel of noise
+    if np.any(cut):  # even a channel of noise has some combination of filter and position that fits slightly
         across = np.abs(np.vdot(e[:, best], q)) ** 2
         coherent = across > COHERENT * np.sum(np.abs(e[:, best]) ** 2) * np.sum(np.abs(q) ** 2)
         price += FILTER_NATS if coherent else np.inf
     return float(cost[best] + price), best, value[best], cut
 
 
-CANDIDATES = 1500  # largest number of places, to save memory
+CANDIDATES = 1500  # largest number of candidates, to save memory
 
 
 def _lattice(x: Reals, spacing: float) -> np.ndarray:
@@ -112,7 +112,7 @@ def _lattice(x: Reals, spacing: float) -> np.ndarray:
 def _predicted(
     x: Reals, q: Complexes, candidates: Reals, k: Reals, power: Reals, noise: Reals, tau: Reals, dimension: int
 ):
-    """Return the prediction (M, C) at candidates (C, D) from pressures q (M, N) at x (N, D), and its variance."""
+    """Return the prediction at candidates (C, D) from pressures q (M, N) at x (N, D), and its variance : (M, C)."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     across = np.linalg.norm(x[:, None] - candidates[None], axis=-1)
     e, V = np.empty((len(k), len(candidates)), complex), np.empty((len(k), len(candidates)))
@@ -130,15 +130,16 @@ def _predicted(
     return e, V
 
 
-# nepers and radians, prior sigma of the gain in this search, and largest absolute log gain; without the prior 1 of 11
-# arrays does not converge; without the limit the error with a dead channel grows from 4.6 to 5.2 mm, while its claimed
-# sigma falls from 8.9 to 5.5 mm
+# prior sigma of the complex log gain in this search, nepers and radians; without this prior 1 of 11 arrays does not
+# converge
 GROSS_GAIN_SIGMA = 0.05
+# largest absolute log gain, nepers; without this limit the error of an array with a dead channel grows from 4.6 to
+# 5.2 mm, while its claimed sigma falls from 8.9 to 5.5 mm
 MAX_GAIN = 1.5
 
 
 def _fitted(p: Complexes, e: Complexes, V: Reals):
-    """Return cost (C,) and log gain (C,) complex128 of a channel p (M,) whose prediction is e (M, C), of variance V."""
+    """Return cost (C,) and log gain (C,) complex128 of a channel p (M,) with the prediction e (M, C) of variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))
     value = np.clip(np.real(value), -MAX_GAIN, MAX_GAIN) + 1j * np.imag(value)

@@ -1,4 +1,4 @@
-"""Estimates beside positions and gains: noise, power, directions, standard deviations of the priors, and evidence."""
+"""Estimates other than positions and gains: noise, power, directions, standard deviations of priors, and evidence."""
 
 from dataclasses import replace
 
@@ -22,10 +22,10 @@ from .state import CORNER_SIGMA, DELAY_SIGMA, MIN_NOISE_FRACTION, SUSPICIOUS, Mo
 
 
 def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -> State:
-    """Return `state` with power and channel noise after one iteration of their fixed point.
+    """Return `state` with power and channel noise after one step of their fixed-point iteration.
 
-    Where short windows count, the positions do not minimise the residual of the long rows, which therefore says nothing
-    about the noise of a channel: this noise stays as it is.
+    If short windows are used, the positions do not minimise the residual of the long rows. The residual then contains
+    no information on the noise of a channel, and the channel noise does not change.
     """
     power, model = np.array(state.model.power), state.model
     power[used] = updated_power(chosen, terms)
@@ -34,8 +34,8 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
     return replace(state, model=replace(model, power=power, channel_noise=channel_noise))
 
 
-# evenly spaced modes from which the noise is estimated, at most; with all modes it takes three times the time, and the
-# error of 1 of 22 arrays grows from 36 to 54 mm
+# largest number of modes, evenly spaced, from which the noise is estimated; with all modes the estimate takes three
+# times as long, and the error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
 # The reported noise is used if it is within this factor of the estimate. If it were always used, one array, whose error
 # is now 2.6 mm, would not be found; if it were never used, the error of an array in space would grow from 16 to 20 mm.
@@ -45,7 +45,7 @@ BELIEVED = 2.0
 def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
     """Return `state` with the noise and the position error that explain the residual best.
 
-    rough : whether the position error adds to the noise of each mode; if not, noise alone explains the residual
+    rough : whether the position error adds to the noise of each mode; otherwise noise alone explains the residual
     """
     used, model = objectives.used_modes(problem, state, NOISE_MODES), state.model
     floor = MIN_NOISE_FRACTION["others" if model.damped or model.directional else "isotropic"]
@@ -62,14 +62,14 @@ def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
-    """Return the noise power (M,) that settings or measurement state; None if there is none or it is not to be used."""
+    """Return the noise power (M,) in the settings or the measurement; None without any, or if it must not be used."""
     if state.settings.snr_db is not None:
         return np.full(len(problem.pressures), 1 / (1 + 10 ** (state.settings.snr_db / 10)))
     return problem.noise_power if state.settings.noise == "reported" else None
 
 
 def centred(state: State) -> State:
-    """Return `state` with gains of median 1 and delays of median 0; common gains and delays belong to the field."""
+    """Return `state` with gains of median 1 and delays of median 0; a common gain becomes a factor of the powers."""
     shift = np.median(state.gains - state.offsets, axis=0)
     louder = np.exp(2 * shift[0])
     filters = state.model.filters
@@ -79,14 +79,14 @@ def centred(state: State) -> State:
     return replace(state, gains=state.gains - shift, model=model)
 
 
-# least sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow by
-# 10 to 15 %
+# smallest sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
+# by 10 to 15 %
 MIN_SPREAD = 1e-4
 # expected and largest sigma of delays, metres, and of corners, rad/m; the expected sigma has the weight of one channel
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
-# expected error of a given coordinate, metres, and its weight, in positions; without them an array with a wrong
-# position and an error of 27 mm gets the verdict "good", and ellipses cover 92.1 instead of 93.8 %
+# expected error of a given coordinate, metres, and its weight as a number of positions; without them an array with a
+# wrong given position and an error of 27 mm gets the verdict "good", and the 95 % ellipses cover 92.1 instead of 93.8 %
 EXPECTED_GIVEN = 2e-3
 KNOWN_COUNT = 2
 
@@ -115,26 +115,27 @@ def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) 
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
-        # only a hypothesis on the given positions (`given`) raises sigma above its first value
+        # Only a hypothesis on the given positions (`given`) may increase sigma above its first value.
         max_sigma = max(objectives.first_known_sigma(problem, state.settings), sigma)
         sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
 
 
-FILTER_NATS = 3.0  # least evidence, nats, for seeking the filters of all channels
+FILTER_NATS = 3.0  # smallest evidence, nats, for which the filters of all channels are estimated
 
 
 def with_filters(problem: Problem, state: State) -> State:
-    """Return `state` with delays and corners of all channels free if the channels differ in either.
+    """Return `state` with delays and corners of all channels free, if there is evidence that the channels differ.
 
-    S is the curvature of the cost with respect to the filters, with all else at its minimum; z is the gradient along
-    the eigenvectors of S. By Laplace's approximation the evidence of a prior sigma, relative to sigma = 0, is
+    S are the eigenvalues of the curvature of the cost with respect to the filters, with all other unknowns at their
+    minimum; z is the gradient along its eigenvectors. In Laplace's approximation the log evidence of a prior sigma,
+    relative to sigma = 0, is
 
         evidence(sigma) = sum z^2 / (S + sigma^-2) / 2 - log(1 + sigma^2 S) / 2
 
-    In a narrow band, or with few microphones, a delay looks like a phase or a position. Then S is small, and
-    there is no evidence.
+    In a narrow band, or with few microphones, a delay has the same effect as a phase or a change of position. Then S is
+    small, and there is no evidence.
     """
     if not objectives.gains_are_free(state) or state.model.delay_sigma > 0:
         return state
@@ -154,7 +155,10 @@ def with_filters(problem: Problem, state: State) -> State:
 
 
 def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bools, c: int) -> tuple[float, float]:
-    """Return the largest evidence for filters, nats, and its sigma; rest, filters : (F,) bool, groups of unknowns."""
+    """Return the largest log evidence for filters, nats, and its sigma.
+
+    rest, filters : (F,) bool, unknowns other than filters, and filters of the kind c: 0 for delays, 1 for corners
+    """
     across = matrix[np.ix_(filters, rest)] @ objectives.scaled_inverse(matrix[np.ix_(rest, rest)])
     values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
     z2, values = (vectors.T @ (gradient[filters] - across @ gradient[rest])) ** 2, np.maximum(values, 0.0)[:, None]
@@ -165,7 +169,7 @@ def _likeliest_spread(gradient: Reals, matrix: Reals, rest: Bools, filters: Bool
 
 
 def with_arrivals(problem: Problem, state: State) -> State:
-    """Return `state` with arrivals in use, if there are any, at the positions near by that fit them best."""
+    """Return `state` with arrivals in use, if there are any, at the nearby positions that fit them best."""
     if problem.arrivals is None or (arrivals := direct_sound.arrivals_of(problem, None)) is None:
         return state
     constrained = objectives.objective_of(problem, state, np.arange(0)).priors.constrained
@@ -197,9 +201,10 @@ def _with_sigma_of(problem: Problem, state: State, sigma: Reals) -> State:
 def _updated_sigma(
     sigma: float, deviation: Reals, variance: Reals, components: int, floor: float, maximum: float = np.inf
 ) -> float:
-    """Return the updated sigma of a prior: the squared deviations over the number that the data determine.
+    """Return the updated sigma of a prior, limited to the range from `floor` to `maximum`.
 
-    deviation : (K,) norm of the components of each; variance : (K,) posterior variance per component
+    Its square is the sum of the squared deviations over the number of deviations that the data determine. deviation :
+    (K,), norm of the components of each; variance : (K,), posterior variance per component
     """
     weight = objectives.spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
@@ -207,8 +212,8 @@ def _updated_sigma(
     return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
 
 
-# change of the logarithm of a sigma below which it counts as unchanged; without this condition on the end of a stage
-# an array without noise ends with an error of 0.011 instead of 0.004 mm
+# A stage does not end while the logarithm of a sigma changes by more than this. Without this condition an array without
+# noise ends with an error of 0.011 instead of 0.004 mm.
 SAME_SPREAD = 0.2
 
 
@@ -226,9 +231,9 @@ def same_sigmas(before: Model, after: Model) -> bool:
 
 
 def score(problem: Problem, state: State, objective: objectives.Objective, trial: objectives.ChannelStep) -> float:
-    """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
+    """Return the negative log evidence at the end of a restart, in Laplace's approximation, up to a constant.
 
-    objective : the objective whose value is the cost of `state`, and whose priors are normalised here
+    objective : the objective whose value is the cost of `state`; this function adds the normalisation of its priors
     """
     N, D = state.positions.shape
     priors, cost = objective.priors, state.cost
@@ -259,9 +264,9 @@ SILENT_GAIN = -3.0  # nepers; a dead channel can look like one of a much lower g
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
-    """Return `state` with channels that hold only noise, or almost nothing, in the middle of the others.
+    """Return `state` with the microphones of silent or purely noisy channels moved to the middle of the others.
 
-    The pressures do not determine where these are, and far outside they would increase the number of directions of the
+    The pressures do not determine their positions, and far outside they would increase the number of directions of the
     field. All of their power counts as noise.
     """
     tau, all_noise = np.array(state.model.channel_noise), 1 / state.model.noise_fraction
@@ -277,8 +282,8 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
 
 
-# (Im k R)^2 over the noise fraction from which the imaginary part of k is used. If it were always used, the errors of 2
-# of 75 arrays would grow, from 1.0 to 1.1 mm and (a blind circle) from 45 to 80 mm.
+# The imaginary part of k is used if (Im k R)^2 over the noise fraction exceeds this. If it were always used, the errors
+# of 2 of 75 arrays would grow, from 1.0 to 1.1 mm and (for a blind circle) from 45 to 80 mm.
 DAMPED = 0.1
 
 
@@ -289,13 +294,13 @@ def is_damped(problem: Problem, state: State) -> bool:
     return bool((np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * state.model.noise_fraction)
 
 
-MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q in space, with Q directions, above which the field stays isotropic
+MAX_DIRECTION_PRODUCTS = 3e8  # products M N^2 Q, for Q directions, above which a field in space stays isotropic
 
 
 def with_last_field(problem: Problem, state: State) -> State:
-    """Return `state` with the field of the last stage: directional, unless that takes too long.
+    """Return `state` with the field of the last stage, which is directional unless that takes too long.
 
-    The field of a plane array in space stays isotropic.
+    For a plane array in space the field stays isotropic.
     """
     k = objectives.wavenumbers(problem, state)[objectives.used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
@@ -305,9 +310,10 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# Weight, in observations, of the power by direction of a take in that of each of its rows; the modes of a plate differ
-# more than the frequencies of a room. With one power by direction for all rows of a take 9 of 27 arrays become worse by
-# 4 to 160 %; with one for all takes a measured array ends 71 mm away.
+# Weight, as a number of observations, that the power by direction of a take has in that of each of its rows. It is
+# lower in two dimensions, because the modes of a plate differ more than the frequencies of a room. If all rows of a
+# take had the same power by direction, the errors of 9 of 27 arrays would be 4 to 160 % larger; if all takes had the
+# same, a measured array would end 71 mm away.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 

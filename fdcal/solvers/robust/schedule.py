@@ -1,8 +1,8 @@
-"""Where a run begins, and what follows a stage: the next one, another round, another restart, or the end.
+"""The beginning of a run, and what follows a stage: the next stage, another round, another restart, or the end.
 
-    search    starts, each fitted from low to high frequencies (`search`)
-    restart   from one of the likeliest arrays that were found: stage "free", then stage "gains" in several rounds
-    final     in several rounds from the likeliest optimum; then the run ends
+    search    fits starts from low to high frequencies (`search`)
+    restart   begins at one of the most likely arrays: stage "free", then stage "gains" in several rounds
+    final     begins at the most likely optimum and takes several rounds; then the run ends
 
 `after_stage` decides what follows a stage.
 """
@@ -48,11 +48,14 @@ def begin(
 
 
 def next_restart(problem: Problem, state: State) -> State:
-    """Return a restart at the likeliest start that is left, or the last stage; first the search, if there was none."""
+    """Return the beginning of the next part of a run.
+
+    It is the search if there was none, or else a restart at the most likely start that is left, or else the last stage.
+    """
     if state.starts is None:
         return search.begin(problem, state)
     if not state.starts:
-        # The last stage goes on from the likeliest optimum; only there is the array good enough to learn directions.
+        # The last stage begins at the most likely optimum, because only there directions can be learned reliably.
         best = likeliest(state)
         progress = replace(state.progress, rounds=0, stage=FINAL)
         at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
@@ -70,7 +73,7 @@ def likeliest(state: State) -> LocalOptimum:
 
 
 def refined(problem: Problem, state: State) -> State:
-    """Return the beginning of a round of the last stage: estimate noise and directions, and seek filters again."""
+    """Return the beginning of a round of the last stage, with noise, directions and filters estimated again."""
     begun = begin_stage(problem, noise.with_noise(problem, replace(state, shape=state.positions), rough=False), FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
@@ -96,8 +99,8 @@ class StageEnd:
     within_tolerance: bool  # whether the last step changed hardly anything
 
 
-NOISE_TOLERANCE = 0.15  # change of the logarithm of the noise below which no further round follows
-MAX_ROUNDS = 8  # rounds of stage "gains" in one restart, and of stage "final", at most
+NOISE_TOLERANCE = 0.15  # if the logarithm of the noise changes by less than this, no further round follows
+MAX_ROUNDS = 8  # largest number of rounds of stage "gains" in one restart, and of stage "final"
 
 
 def after_stage(end: StageEnd) -> State:
@@ -117,8 +120,8 @@ def after_stage(end: StageEnd) -> State:
     searched = noise.with_silent_inside(problem, searched)
     if name == "free":
         return begin_stage(problem, searched, stage + 1)
-    # Another round follows if a channel was moved, if the noise has changed, or if the error of the positions adds
-    # more to the residual than the noise does.
+    # Another round follows if a channel was moved, if the noise has changed, or if the position error adds more to the
+    # residual than the noise does.
     k = float(np.real(problem.wavenumbers[searched.modes]).max())
     rough = (k * searched.model.spread) ** 2 / problem.dimension > searched.model.noise_fraction
     change = abs(np.log(searched.model.noise_fraction / state.model.noise_fraction))
@@ -130,7 +133,7 @@ def after_stage(end: StageEnd) -> State:
 
 
 def _after_restart(end: StageEnd) -> State:
-    """Return the state after a restart, with its optimum added: in the last stage, or in the next restart."""
+    """Return the beginning of the next restart or of the last stage, with the optimum of this restart added."""
     problem, state, reached = end.problem, end.state, np.inf  # an optimum with a singular covariance ranks last
     if end.trial.terms is not None:
         reached = noise.score(problem, state, end.objective, end.trial)
@@ -142,8 +145,8 @@ def _after_restart(end: StageEnd) -> State:
 def _next_final(end: StageEnd) -> State:
     """Return another round of the last stage if noise, field or given positions have changed, or else the end.
 
-    The short windows of the recordings determine small arrays far better; they count from the second round on. The
-    damping of the waves counts from the round on in which the noise is low enough.
+    The short windows of the recordings determine small arrays far better than the long rows; they are used from the
+    second round on. The damping of the waves is modelled as soon as the noise is low enough.
     """
     problem, state, progress = end.problem, end.state, end.state.progress
     if state.model.window_positions is None and (with_term := with_windows(problem, state)) is not None:
@@ -160,23 +163,24 @@ def _next_final(end: StageEnd) -> State:
 
 
 def with_windows(problem: Problem, state: State) -> State | None:
-    """Return the last stage with a term of the short windows, at the array that they show; None where they show none.
+    """Return the last stage with a term of the short windows, at the array that they determine.
 
-    The likelihood of the long rows is then divided so that it weighs as much as the covariance of the result says.
+    It is None if they do not determine the array. The likelihood of the long rows is divided by a factor with which its
+    weight agrees with the covariance that the result states.
     """
     if problem.windows is None:
         return None
     model = state.model
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
-    if model.delay_sigma == 0:  # with all delays free, errors of a small array appear as delays of its channels
+    if model.delay_sigma == 0:  # otherwise all delays are free, and also absorb position errors of healthy channels
         counted &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
     if not windows.usable(problem, state.positions, counted):
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted)
     if term is None:
         return None
-    # The comparison leaves out the given positions: they help to determine the array, and would hide how unreliable the
-    # pressures are.
+    # The windows and the long rows are compared without the given positions, which help to determine the array and
+    # would hide how unreliable the pressures are.
     no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
     claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
     ratio = term.disagreement(state.positions, claim.spread.covariance)
@@ -187,13 +191,13 @@ def with_windows(problem: Problem, state: State) -> State | None:
         window_rival=term.rival,
         window_ratio=ratio,
         tempering=model.tempering * claim.excess * ratio,
-        # So far the long rows had too much weight: delays found with it may be wrong, and contradict the arrival times.
-        # `refined` looks for delays again, with the new weight.
+        # So far the long rows had too much weight. Delays that were found with this weight may be wrong and contradict
+        # the arrival times. `refined` seeks delays again, with the new weight.
         delay_sigma=0.0,
         corner_sigma=0.0,
         filters=np.zeros_like(model.filters),
     )
-    # With given positions the array is already in the right basin and in their frame.
+    # With given positions, the array is already in the right basin and in their frame.
     x = state.positions if len(problem.known) else frozen_array(term.positions, float)
     progress = replace(state.progress, rounds=0, steps=0)
     return refined(problem, replace(state, positions=x, shape=x, model=fitted, progress=progress))

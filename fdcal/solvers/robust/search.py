@@ -1,8 +1,8 @@
-"""The search for starts: each is fitted from low to high frequencies, until several end at the likeliest array.
+"""The search for starts: starts are fitted from low to high frequencies until several end at the most likely array.
 
 At low frequency the cost has few local minima. A start is fitted to a few of the lowest modes, then to twice as many,
-and so on, so that each fit begins in the basin of the one before. The likelihood of all modes orders the arrays that
-are found. Each step of the search fits one start.
+and so on, so that each fit begins in the basin of the fit before. The arrays that are found are ordered by the
+likelihood of all modes. Each step of the search fits one start.
 """
 
 from collections.abc import Iterator
@@ -20,34 +20,35 @@ from .channels import relocated
 from .stages import begin_restart, begin_stage, in_frame, moved_once
 from .state import FREE, GAINS, SEARCH, FittedStart, State
 
-MAX_RESTARTS = 4  # different arrays that are refined at most
-# The search ends when so many starts have ended at the likeliest array: with 3, two of 18 field cases are not found.
-# Two are enough if no start has ended elsewhere: in 231 such field cases no other array was likelier.
+MAX_RESTARTS = 4  # largest number of different arrays that are refined
+# The search ends when this number of starts have ended at the most likely array. With 3 instead of 4, two of 18 field
+# cases are not found. Two starts are enough if no start has ended elsewhere: in 231 such field cases no other array was
+# more likely.
 AGREEING = 4
-WORSE = 100.0  # nats; an array that is less likely by more is not refined
-# Two arrays are different if a healthy microphone is further apart in them than this, in units of the shortest
-# wavelength or of the RMS diameter of the array, whichever is smaller. With the wavelength alone the error of one of 12
-# arrays of 10 cm is 8.6 instead of 3.9 mm.
+WORSE = 100.0  # nats; an array whose cost is higher than the lowest one by more than this is not refined
+# Two arrays are different if the positions of a healthy microphone in them differ by more than this, in units of the
+# shortest wavelength or of the RMS diameter of the array, whichever is smaller. If only the wavelength counted, the
+# error of one of 12 arrays of 10 cm would be 8.6 instead of 3.9 mm.
 DIFFERENT = 0.02
 
 
 def begin(problem: Problem, state: State) -> State:
-    """Return `state` at the first start that can be computed, before its fit; InputError if there is none.
+    """Return `state` at the first start that can be computed, before it is fitted.
 
-    Microphones with given positions stand there.
+    Microphones with given positions are placed there. Raises InputError if no start can be computed.
     """
     number, one, x = next(_starts(problem, replace(state, starts=()), 0))
     x = np.array(in_frame(problem, state.settings, x, one.given))
-    x[problem.known] = problem.known_positions  # the fit begins at `_starts` again
+    x[problem.known] = problem.known_positions  # for display only: `step` computes the start again
     x = frozen_array(x, float)
     progress = replace(state.progress, stage=SEARCH, rounds=0, steps=number)
     return replace(state, stage=state.stage + 1, positions=x, shape=x, starts=(), progress=progress)
 
 
 def step(problem: Problem, state: State) -> State:
-    """Return `state` after the fit of the next start, at the likeliest array so far.
+    """Return `state` after the fit of the next start, at the most likely array so far.
 
-    InputError or LinAlgError if no start can be computed.
+    Raises InputError or LinAlgError if no start can be computed.
     """
     failure = None
     for number, one, x in _starts(problem, state, state.progress.steps):
@@ -64,7 +65,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def is_complete(problem: Problem, state: State) -> bool:
-    """Return whether enough starts end at the likeliest array, or no other start is worth its time."""
+    """Return whether enough starts have ended at the most likely array, or no other start is worth its time."""
     found: tuple[FittedStart, ...] = state.starts or ()
     if found and found[0].hits >= (2 if len(found) == 1 else AGREEING):
         return True
@@ -75,15 +76,15 @@ def is_complete(problem: Problem, state: State) -> bool:
 
 
 def likely(problem: Problem, state: State) -> tuple[FittedStart, ...]:
-    """Return the arrays that are worth another fit, the likeliest first."""
+    """Return the arrays that are worth refining, the most likely first."""
     found: tuple[FittedStart, ...] = state.starts or ()
     limit = min((one.cost for one in found), default=0.0) + WORSE
     count = 1 if _windows_suffice(problem, found) else MAX_RESTARTS
-    return tuple(one for one in found if one.cost <= limit)[:count]  # equal where all costs are infinite
+    return tuple(one for one in found if one.cost <= limit)[:count]  # <= also keeps them if all costs are infinite
 
 
 def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
-    """Return whether the short windows determine the array by themselves: a small one without given positions."""
+    """Return whether the short windows alone determine the array, which must be small and have no given positions."""
     if not found or len(problem.known):
         return False
     return windows.usable(problem, found[0].positions, found[0].healthy)
@@ -92,7 +93,7 @@ def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
     """Yield number, kind and positions (N, D), metres, of the starts from number `first` on that can be computed.
 
-    InputError or LinAlgError if the modes determine none, and none was found before.
+    Raises InputError or LinAlgError if the modes determine none of them, and no array was found before.
     """
     reported, plan = noise.given_noise(problem, state), starts.plan(problem, state.last)
     level = None if reported is None else float(np.median(reported[state.modes]))
@@ -108,9 +109,10 @@ def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, s
 
 
 def _with_start(problem: Problem, state: State, one: starts.Start, x: np.ndarray) -> tuple[FittedStart, ...]:
-    """Return the arrays found so far and the one where the start at `x` (N, D), metres, ends, the likeliest first.
+    """Return the arrays found so far, and the one at which the start at `x` (N, D), metres, ends, most likely first.
 
-    A start without given positions is aligned with these afterwards, so that a wrong given position does not deform it.
+    A start that does not depend on the given positions is only aligned with them after its fit, so that a wrong given
+    position does not deform it.
     """
     found, chosen = state.starts or (), problem if one.given else starts.without_given(problem)
     ended = fitted(chosen, state, x, one.lowest, found)
@@ -120,20 +122,21 @@ def _with_start(problem: Problem, state: State, one: starts.Start, x: np.ndarray
     return tuple(sorted((*found, ended), key=lambda other: other.cost))
 
 
-FIT_STEPS = 6  # steps at each number of modes at most
-FIT_PRESSURES = 4000  # approximate number of pressures in a fit; evenly spaced modes are used where there are more
-FIT_MODES = 24  # least number of modes in a fit, if there are as many
-FIT_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further
-FIT_NATS = 1.0  # a fit also ends when the cost falls by less
+FIT_STEPS = 6  # largest number of steps at each number of modes
+FIT_PRESSURES = 4000  # approximate number of pressures in a fit; if there are more, evenly spaced modes are used
+FIT_MODES = 24  # smallest number of modes in a fit, if so many are available
+FIT_TOLERANCE = 3e-3  # metres; a fit ends when no coordinate moves further than this in a step
+FIT_NATS = 1.0  # nats; a fit also ends when a step lowers the cost by less than this
 
 
 def fitted(
     problem: Problem, state: State, positions: np.ndarray, lowest: int, found: tuple[FittedStart, ...] = ()
 ) -> FittedStart:
-    """Return where a start at `positions` (N, D), metres, ends, fitted to the `lowest` modes first, then to more.
+    """Return the array at which a start at `positions` (N, D), metres, ends.
 
-    With all modes gains and gross faults of the channels are sought too, twice, since the first of these fits assumes
-    too much noise. A fit that reaches an array of `found` ends there: it would continue as that one did.
+    It is fitted first to the `lowest` modes, then to more. The fits to all modes also find the gains and the gross
+    faults of the channels; there are two of them, because the first one assumes too much noise. If the fit reaches an
+    array of `found`, that array is returned, because the fit would continue as before.
     """
     here, last = begin_restart(problem, state, positions), state.last
     cap = max(FIT_MODES, FIT_PRESSURES // len(positions))
@@ -160,7 +163,7 @@ def fitted(
 
 
 def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> bool:
-    """Return whether the healthy channels of a start, at least half of all, stand as in `positions` (N, D), metres."""
+    """Return whether an array agrees with `positions` (N, D), metres, at its healthy channels, at least half of all."""
     apart = np.linalg.norm(align(one.positions, positions) - positions, axis=1)[one.healthy]
     length = min(
         2 * np.pi / float(np.real(problem.wavenumbers).max()), 2 * float(np.linalg.norm(np.std(positions, axis=0)))

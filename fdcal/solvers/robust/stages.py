@@ -32,9 +32,10 @@ def begin_restart(problem: Problem, state: State, positions: np.ndarray) -> Stat
 
 
 def in_frame(problem: Problem, settings: SolverSettings, positions: np.ndarray, placed: bool = True) -> np.ndarray:
-    """Return positions (N, D), metres, in the frame of the problem; exact given ones pull the others smoothly along.
+    """Return positions (N, D), metres, in the frame of the problem.
 
-    placed : whether the positions agree with the given ones already; otherwise the array is first aligned with these
+    placed : whether the array is already aligned with the given positions; otherwise it is first aligned with them.
+    Microphones with an exact given position are moved to it, and the others are moved along smoothly.
     """
     x, known, places = positions, problem.known, problem.known_positions
     if len(known) and not placed:
@@ -47,17 +48,18 @@ def in_frame(problem: Problem, settings: SolverSettings, positions: np.ndarray, 
     return frozen_array(x, float)
 
 
-# longest move of a microphone in one step, in shortest wavelengths; without it the error of a linear array in space
-# grows from 1.3 to 2.1 mm
+# longest move of a microphone in one step, in shortest wavelengths; without this limit the error of a linear array in
+# space grows from 1.3 to 2.1 mm
 MAX_STEP = 0.125
 
 
 def moved_once(
     problem: Problem, state: State, used: np.ndarray
 ) -> tuple[State, objectives.Objective, objectives.ChannelStep]:
-    """Return `state` after one damped step and one update of power, noise and sigmas, what it minimised, and the step.
+    """Return `state` after one damped step and one update of the model, the objective of the step, and the step.
 
-    Where a covariance is singular, the state moves nowhere, and the step has no `terms`.
+    The update is that of the power, the noise and the prior sigmas, over the modes `used`. If a covariance is singular,
+    the unknowns do not change, and the step has no `terms`.
     """
     here, progress = objectives.unknowns_of(state), state.progress
     objective = objectives.objective_of(problem, state, used)

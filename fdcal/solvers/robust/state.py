@@ -1,8 +1,8 @@
-"""State of the likelihood solver, the stages of its schedule, and the numbers that several of its modules use.
+"""State of the likelihood solver, the stages of its schedule, and the constants that several of its modules use.
 
-Constants that only one module uses stand there, above the function that uses them. A figure in the comment of a
-constant says how much the results of the suite `benchmarks field` (482 cases, or the cases concerned) get worse without
-it. Constants without a figure bound time or memory, or set units.
+Constants that only one module uses are in that module, above the function that uses them. If the comment of a constant
+contains a figure, it states how much worse the results of the suite `benchmarks field` (482 cases, or the cases
+concerned) are without the constant. Constants without a figure bound time or memory, or set units.
 """
 
 from dataclasses import dataclass
@@ -14,29 +14,28 @@ from ...model.problem import ChannelCorrection
 from ...model.validation import Bools, InputError, Reals
 from ..interface import RunState
 
-# search for the array without given positions: largest number of steps, and decrease of the cost, nats, below which it
-# ends; both only save time
+# Limits of the search for the array without given positions, which only save time: the largest number of steps, and the
+# decrease of the cost in a step, nats, below which it ends.
 FREE_STEPS = 8
 NEGLIGIBLE_DECREASE = 0.05
 
-# factor on the power of the field where covariances are computed, because rooms are less isotropic than the model;
-# without it the 95 % ellipses cover 87.8 instead of 92.7 %
+# factor on the power of the field in the computation of covariances, because rooms are less isotropic than the model;
+# without it the 95 % ellipses cover 87.8 instead of 92.7 % of the true positions
 FIELD_POWER_FACTOR = 4.0
 
-DELAY_SIGMA = 0.5  # metres, prior sigma of the delay (times the sound speed) of a single faulty channel
-CORNER_SIGMA = 2.0  # rad/m, prior sigma of the high-pass corner (times 2 pi / c) of a single faulty channel
+DELAY_SIGMA = 0.5  # metres, prior sigma of the delay times the sound speed of a single faulty channel
+CORNER_SIGMA = 2.0  # rad/m, prior sigma of the high-pass corner times 2 pi / c of a single faulty channel
 
-# metres, one sigma of a given coordinate at the start; only a hypothesis on the given positions makes it greater
+# metres, standard deviation of a given coordinate at the start; only a hypothesis on the given positions increases it
 GIVEN_SIGMA = 3e-3
 
 SUSPICIOUS = 4.0  # relative noise tau above which a channel is examined
 
-# iterations of expectation and maximisation of the power by direction, before the first step and after every step;
-# with 1 the errors grow by 2 %
+# iterations of the power by direction before the first step and after every step; with 1 the errors grow by 2 %
 DIRECTION_UPDATES = 2
 
-# least fraction of noise in the power. An undamped isotropic field leaves about 1e-6 of any room unexplained. With less
-# than 1e-8 the covariance of a measurement without noise depends on the frame.
+# Smallest noise power over the power of the pressures. An undamped isotropic field leaves about 1e-6 of the power in
+# any room unexplained. Below 1e-8 the covariance of a measurement without noise would depend on the frame.
 MIN_NOISE_FRACTION = {"isotropic": 1e-6, "others": 1e-8}
 
 STAGE_DAMPING = 1e-6  # damping of the first step of a stage
@@ -46,11 +45,11 @@ STAGE_DAMPING = 1e-6  # damping of the first step of a stage
 class Stage:
     """One stage of the schedule."""
 
-    name: str  # for display
+    name: str  # as it is displayed
     gains: bool  # whether channel gains are free
     max_steps: int
-    tolerance: float  # metres; the stage ends when no microphone moves further
-    negligible: float  # nats; the stage also ends when the cost falls by no more
+    tolerance: float  # metres; the stage ends when no microphone moves further than this in a step
+    negligible: float  # nats; the stage also ends when a step lowers the cost by less than this
 
 
 STAGES = (
@@ -64,61 +63,59 @@ SEARCH, FREE, GAINS, FINAL = range(4)  # numbers of the stages
 
 @dataclass(frozen=True)
 class Model:
-    """Field, noise and prior sigmas that are assumed; the solver updates them by maximum likelihood."""
+    """Assumptions on field, noise and prior sigmas; the solver updates them by maximum likelihood."""
 
     power: Reals  # (M,) float64, power of the field; the pressures of every mode have a mean power of 1
     noise: Reals  # (M,) float64, noise power of a healthy channel, in the same unit
     channel_noise: Reals  # (N,) float64, tau, noise power of each channel over that of a healthy one
     noise_fraction: float  # noise power over the mean power of the pressures
-    spread: float  # metres, position error that, together with the noise, explains the residual
-    # gain_sigma, phase_sigma: nepers and radians
-    gain_sigma: float
-    phase_sigma: float
-    known_sigma: float  # metres; 0 for exact given positions, which never move
+    spread: float  # metres, RMS position error that, together with the noise, explains the residual
+    gain_sigma: float  # nepers, prior sigma of the log gains
+    phase_sigma: float  # radians, prior sigma of the phases
+    known_sigma: float  # metres, prior sigma of each given coordinate; 0 for exact given positions, which never move
     damped: bool  # whether the imaginary part of the wavenumbers is used
     directional: bool  # whether the power of the field depends on the direction
-    places: Reals  # (A, D) float64, metres, the given positions, in the order in which they belong to the microphones
+    places: Reals  # (A, D) float64, metres, the given position that belongs to each known microphone
     contradicted: Bools  # (A,) bool, given positions that are ignored because the pressures contradict them
-    # (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each channel
+    # (N, 2) float64, delay times the sound speed, metres, and high-pass corner times 2 pi / c, rad/m, of each channel
     filters: Reals
     log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
     # (M, Q) float64, power of the field by direction, mean 1; None until it is learned
     directions: Reals | None = None
-    # (T,) float64, metres, one sigma of the arrival times of each take (times c); None until arrivals are used
+    # (T,) float64, metres, standard deviation of the arrival times of each take times c; None until arrivals are used
     arrival_sigma: np.ndarray | None = None
-    # delay_sigma, corner_sigma: prior sigma of the delays, metres, and of the corners, rad/m, of all channels; 0 where
-    # only a faulty channel has them
+    # prior sigma of the delays, metres, and of the corners, rad/m, of all channels; 0 if only faulty channels have them
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
-    # result of the fit to the short windows: positions (N, D), metres, precision (N D, N D), 1/m^2, and other positions
-    # (N, D) that explain the windows as well, if there are any
+    # result of the fit to the short windows: positions (N, D), metres, precision (N D, N D), 1/m^2, and another array
+    # (N, D) that explains the windows as well, if there is one
     window_positions: np.ndarray | None = None
     window_precision: np.ndarray | None = None
     window_rival: np.ndarray | None = None
-    window_ratio: float = 1.0  # `WindowTerm.disagreement`
-    tempering: float = 1.0  # divisor of the cost of the long rows where short windows are used
+    window_ratio: float = 1.0  # result of `WindowTerm.disagreement`
+    tempering: float = 1.0  # divisor of the cost of the long rows if short windows are used
 
 
 @dataclass(frozen=True)
 class FittedStart:
-    """Where starts end after their fit from low to high frequencies."""
+    """The array at which starts end after their fit from low to high frequencies."""
 
     positions: Reals  # (N, D) float64, metres
     healthy: Bools  # (N,) bool, channels without much noise
-    cost: float  # -log likelihood up to a constant
-    hits: int  # number of starts that end there
+    cost: float  # negative log-likelihood up to a constant
+    hits: int  # number of starts that have ended at this array
 
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """Where a restart ended."""
+    """The end of a restart."""
 
     positions: np.ndarray  # (N, D) float64, metres
-    # gains, offsets: (N, 2) float64, as of `State`
+    # (N, 2) float64, as in `State`
     gains: np.ndarray
     offsets: np.ndarray
     model: Model
-    score: float  # -log evidence up to a constant; the lowest is the likeliest
+    score: float  # negative log evidence up to a constant
     converged: bool
 
 
@@ -128,12 +125,12 @@ class StageProgress:
 
     restart: int  # number of restarts before this one
     stage: int  # index into STAGES
-    rounds: int  # rounds of this stage that are complete
-    steps: int  # steps taken in this round; starts tried, in the search
+    rounds: int  # number of completed rounds of this stage
+    steps: int  # number of steps taken in this round or, in the search, of starts tried
     damping: float  # damping of the next step
 
     def __post_init__(self):
-        if not 0 <= self.stage < len(STAGES):  # as in an edited session file
+        if not 0 <= self.stage < len(STAGES):  # a session file may have been edited
             raise InputError(f"progress.stage = {self.stage} must be from 0 to {len(STAGES) - 1}", key="progress.stage")
 
 
@@ -142,16 +139,16 @@ class State(RunState):
     """State of the likelihood solver."""
 
     solver: ClassVar[str] = "robust"
-    # whether directions are learned in the plane only, where they are few
+    # whether directions are only learned in the plane, where there are few of them
     quick: ClassVar[bool] = False
 
     gains: Reals  # (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
-    offsets: Reals  # (N, 2) float64, prior mean of the gains; 0 unless a channel has a gross fault
+    offsets: Reals  # (N, 2) float64, prior mean of `gains`; 0 unless a channel has a gross fault
     model: Model
     progress: StageProgress
-    # (N, D) float64, metres, positions at the beginning of the stage; the centre of the field follows from them
+    # (N, D) float64, metres, positions at the beginning of the stage, whose mean is the centre of the field
     shape: Reals
-    # arrays found so far or, after the search, those still to be refined, the likeliest first; None before the search
+    # arrays found so far or, after the search, those still to be refined, most likely first; None before the search
     starts: tuple[FittedStart, ...] | None
     optima: tuple[LocalOptimum, ...]  # the optima that the restarts have reached so far
 
@@ -162,7 +159,7 @@ class State(RunState):
 
     @property
     def best_positions(self) -> np.ndarray:
-        """The best positions (N, D) so far, metres; while another restart runs, those of the likeliest optimum."""
+        """The best positions (N, D) so far, metres; while another restart runs, those of the most likely optimum."""
         reached = [one for one in self.optima if np.isfinite(one.score)]
         late = self.finished or self.progress.stage == FINAL or not reached
         return self.positions if late else min(reached, key=lambda one: one.score).positions
