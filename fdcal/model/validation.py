@@ -197,7 +197,7 @@ def require_array(
     refused unless `missing` is set.
     """
     letters, words, dtype = KINDS[kind]
-    wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
+    wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' if len(shape) == 1 else ''})"
     remedy = f"give {words}{unit and ', ' + unit}, of shape {wanted}" if shape else f"give one of {words}"
     try:
         array = np.asarray(values)

@@ -109,7 +109,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         message = f"{N} microphones are too few: a field of the lowest order has {problem.dimension + 1} functions"
         raise InputError(message, f"use {min_microphones(problem.dimension)} microphones or more", key="pressures")
     if takes < needed:
-        message = f"{N} microphones are too few with {takes} take{'s' * (takes > 1)}"
+        message = f"{N} microphones are too few with {takes} take{'s' if takes > 1 else ''}"
         remedy = f"record {needed} takes, the source at another place in each, or use {problem.dimension + 2} or more"
         raise InputError(message, f"{remedy} microphones", key="pressures")
     needed, used = -(-unknowns // max(1, N - D - 1)), min(modes, measured)
