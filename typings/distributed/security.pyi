@@ -1,0 +1,5 @@
+from typing import Self
+
+class Security:
+    @classmethod
+    def temporary(cls) -> Self: ...
