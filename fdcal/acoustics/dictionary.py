@@ -17,7 +17,7 @@ Microphones in a plane can also measure a field of three dimensions. In the plan
 l + m odd are zero, and the (L + 1)(L + 2) / 2 functions with l + m even remain. Positions with two coordinates are
 assumed to lie in that plane.
 
-The module also computes W for every candidate of a search lattice, and some functions faster than NumPy and SciPy. The
+The module also computes W over a search lattice, and some functions faster than NumPy and SciPy do. The
 recurrences of the Bessel functions run downward (Miller's algorithm), from an order beyond the argument, where the
 functions are negligible; an upward recurrence would lose all digits. Sine and cosine are computed from the tangent or
 the exponential, because NumPy has vectorised loops for these, which are up to 15 times as fast.

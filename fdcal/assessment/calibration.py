@@ -49,8 +49,8 @@ class Evidence(FrozenArrays):
     frequencies_db : (M,) float64 or None
         The same for each frequency.
     noise_to_given : float or None
-        Noise that the solver finds over the given noise, medians over the frequencies; the verdict model_mismatch
-        quotes it. None if no noise is given.
+        Ratio of the noise that the solver finds to the given noise, both medians over the frequencies; the verdict
+        model_mismatch quotes it. None if no noise is given.
     """
 
     arrays = "microphones_db", "frequencies_db"

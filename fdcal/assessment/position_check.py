@@ -227,7 +227,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
 
     The two are matched by their shape, whatever their order, position and size; the order of the list is kept if it
     fits as well as any other. A swap is reported if the array as a whole fits better with it, and the distances of the
-    exchanged microphones fall to less than half (of more than three microphones, those of three quarters).
+    exchanged microphones fall to less than half; in a cycle of four or more, those of three quarters are enough.
 
     Parameters
     ----------

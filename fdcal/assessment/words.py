@@ -22,7 +22,7 @@ STEP_LEFT = "the remaining step is small compared with one sigma"
 
 
 def end_word(converged: bool, trusted: bool) -> str:
-    """Return how a run ended; a run with a trusted result has "Ended" even if it did not converge."""
+    """Return how a run ended, in words: one that did not converge but has a trusted result "Ended"."""
     return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
 
 

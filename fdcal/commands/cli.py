@@ -202,7 +202,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "Distance of two microphones, if none is known; it gives size and sound speed.",
+@opt.option("--distance I,J,METRES", "One distance, if no position is known; it gives size and sound speed.",
             type=opt.distance)  # fmt: skip
 @opt.option("--time-limit SECONDS", "Limit of processor time; then the best positions so far are written.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")

@@ -112,8 +112,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     """Record takes, and see after each where the microphones are.
 
     EARLIER are takes recorded before, of the same array. The next take has the next free number: take1.wav, take2.wav.
-    While a take is recorded, silent, clipped and duplicated channels are named, and after it inverted, dead and, with
-    --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
+    While a take is recorded, the command names silent, clipped and duplicated channels; after the take it names
+    inverted and dead channels and, with --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
 
     The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
     """

@@ -109,8 +109,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
 def replay(source, solver, modes, seed, microphone, output, force):
     """Write a calibration as a page that plays in any browser.
 
-    The page maps the cost of moving any microphone, at any step, from any frequencies; the address after # leads to a
-    moment, as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
+    The page maps the cost of moving any microphone, at any step, over any frequencies; the address after # selects
+    what is shown, as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
     from ..cost.eq7 import reference_cost_of

@@ -502,7 +502,7 @@ def refined(search: Search, count: int = FINE) -> Search:
 
 
 def map_positions(indices: ArrayLike, search: Search) -> np.ndarray:
-    """Return the positions (K, D), metres, of indices (K, D): row and column; in a volume layer, row and column."""
+    """Return the positions (K, D), metres, of points of a lattice with the indices (K, D): [layer,] row and column."""
     places = np.asarray(indices)[:, ::-1]
     return np.asarray(search.origin)[: places.shape[1]] + search.step * places
 

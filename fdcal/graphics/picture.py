@@ -127,7 +127,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
         colour, width = theme.foreground, 2.0
     parts = [first, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
     places = glyphs.lift(sources, layer_height(Layer.SOURCE, marker_radius))
-    seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
+    seen_whole = several or scene.room.dimension == 3  # then the room may be far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     angles = np.pi / 4 * np.arange(4)
     arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of a star
@@ -369,7 +369,7 @@ def with_ellipses(
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
     The legend says by how much the ellipses are enlarged, or that they are too small to be seen, and `note` adds to it.
-    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. Ellipses are drawn `scale` times enlarged.
+    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. Ellipses are drawn `scale` times as large.
     """
     axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
     lengths = np.linalg.norm(axes[:, -1], axis=1)

@@ -253,7 +253,7 @@ def _state_data(
 
 
 THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index
-MARK_EDGE = 6  # pixels of it, of a symbol
+MARK_EDGE = 6  # width and height of a symbol in this picture, pixels
 
 
 def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]], opening: str) -> str:

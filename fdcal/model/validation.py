@@ -47,7 +47,7 @@ class Limits:
     pairs: float = 1e8  # pairs of microphones times modes of a calibration; each takes 16 bytes or less
     # largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
     phase: float = 100.0
-    phase_per_microphone: float = 2.0  # the same for each microphone of a large array
+    phase_per_microphone: float = 2.0  # radians; the limit is this times the number of microphones, if larger
     dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
     seconds: float = 90.0  # processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies

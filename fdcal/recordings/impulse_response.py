@@ -6,7 +6,7 @@ emitted, if the sound has decayed before the recording ends, or else has been we
 itself lacks.
 
     d    rate at which the sound decays, nepers per second
-    s    rate of the exponential window; (d + s) T = 12 nepers
+    s    rate of the exponential window: (d + s) T = 12 nepers, where T is the length of the recording
     c    time after which the sound may be over, s; a part that begins at c is compared with the end of the recording
 
 The decay is measured from the level of the sound in successive segments. Only the band in use counts, since noise at

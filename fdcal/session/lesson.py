@@ -229,7 +229,7 @@ def load_lesson(path: str | Path) -> Lesson:
     with naming(path):
         for key in Lesson.OPTIONAL:
             if key in table:
-                raise InputError(f"{key} is not a key of a lesson", "remove it, the file has one", key=key)
+                raise InputError(f"{key} is not a key of a lesson", "remove it: the path gives it", key=key)
         lesson = build(Lesson, {**table, "name": path.stem, "folder": str(path.parent)}, whole="lesson")
         check(lesson)
         return lesson

@@ -279,7 +279,7 @@ class ForecastRules:
     # Number of independent short windows, of all frequencies together, that explains the errors of `python -m
     # benchmarks comparison`.
     windows: float = 960.0
-    window_noise: float = 0.05  # least fraction of their power that their model does not explain at any signal level
+    window_noise: float = 0.05  # least fraction of the power of the windows that their model leaves unexplained
     window_frequencies: int = 40
     size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
 

@@ -238,7 +238,7 @@ class SolverRun:
         self._publish(running=False)
 
     def step(self, count: int = 1, unit: Unit = "step") -> None:
-        """Take `count` steps, or run until the number of the sweep or stage has risen by it or the solver ends."""
+        """Take `count` steps, or run until the number of the sweep or stage has risen by `count` or the solver ends."""
         end = getattr(self.view.state, unit) + count
         self._reached = lambda state: getattr(state, unit) >= end
         if unit == "step":

@@ -107,7 +107,7 @@ class Cameras:
     lecture: bool = False
     caption: bool = False
     pages: dict[int, PageCamera] = field(default_factory=lambda: collections.defaultdict(PageCamera))  # by client
-    # that wait for the main loop
+    # requests of pages, which wait for the main loop
     requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = field(
         default_factory=collections.deque
     )

@@ -43,7 +43,7 @@ class ArrivalTerms:
     """The term at some positions."""
 
     cost: float  # nats
-    # (T, F) float64, of each take, with respect to the N D coordinates, the N delays if they are unknown, and the
+    # (T, F) float64, derivatives of each take's cost by the N D coordinates, the N delays if they are unknown, and the
     # logarithm of the sound speed
     gradient: np.ndarray
     matrix: Reals  # (F, F) float64, Gauss-Newton matrix of all takes

@@ -51,15 +51,15 @@ STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # number of steps of a stage at most
 # nats; a stage ends when the cost falls by less. With 0.2 instead of 0.05 one circle of 8 microphones is not found to
 # be flat, and ends 10 instead of 5 mm off.
 DECREASE, LAST_DECREASE = 10.0, 0.05
-# nats over the dispersion by which one more wave must decrease the cost of every second frequency, on which waves are
-# sought to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
+# nats over the dispersion by which one more wave must decrease the cost. Only every second frequency is used for this,
+# to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
 # second of a circle of 8 brings 30, and the error stays
 WAVE_NATS = 50.0
 MAX_WAVES = 10  # largest number of waves of a take
 ROUNDS = 2  # iterations of the dispersion lambda
-# nats over the dispersion that the misfit of the model can bring a wrong array: level circles look upright by up to 43.
-# If the source is near the middle of a room, one microphone of a ball of 32 can stand at its mirror image for 35 to 70;
-# other balls lose 210 or more
+# nats over the dispersion: the largest difference of the costs of two arrays that the misfit of the model can cause. A
+# level circle can seem upright by up to 43. In a ball of 32 with the source near the middle of the room, moving one
+# microphone to its mirror image raises the cost by 35 to 70; in other balls by 210 or more
 MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
