@@ -2,17 +2,19 @@
 
 Faulty channels are named, and the verdict concerns the other channels only.
 
-A given position checks the result only if the pressures and the other given positions determine its microphone well.
-Their covariance for this microphone is
+A given position can check the result only if the pressures and the other given positions together determine the
+position of its microphone well. Without its own given position, the covariance of this microphone's position is
 
-    (P^-1 - spring I)^-1 ,   P the covariance of its position, spring the curvature of the given position's prior
+    (P^-1 - spring I)^-1 ,   P the covariance with it, spring the curvature of its prior, 1/m^2
 
-Given positions that the solver does not get, as with `known = "none"`, check the result after the best rigid motion:
+Given positions that the solver does not get, for example with `known = "none"`, are compared with the result after the
+best rigid motion:
 
     chi^2 = r^T B (B^T (C_AA + sigma^2 I) B)^-1 B^T r
 
-r are the differences at the given microphones A, C_AA is their covariance, sigma that of the given coordinates, and B
-spans what no rigid motion changes, which has |A| D - D (D + 1) / 2 dimensions.
+r contains the differences of the coordinates of the given microphones A, metres; C_AA is the covariance of their
+estimated coordinates, and sigma the standard deviation of a given coordinate. The columns of B are an orthonormal basis
+of the differences that no rigid motion can produce. There are |A| D - D (D + 1) / 2 of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,7 +39,7 @@ from .uncertainty import EXACT, covariance_of, one_sigma, root_mean_square, scal
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
-RIVAL_COST = 8.0  # nats; a less likely optimum is no rival; the evidence has an error of a few nats
+RIVAL_COST = 8.0  # nats above the best score up to which an optimum is a rival; a score has an error of a few nats
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +78,9 @@ def assess(
 ) -> Assessment:
     """Return the assessment of an estimate.
 
-    names : of the microphones, their numbers unless given; scale : sound speed that follows from a given distance, over
-    that of the problem; unused : given positions (D,), metres, by microphone, that the solver did not get
+    names : names of the microphones, by default their numbers; scale : ratio of the sound speed that follows from a
+    given distance to that of the problem; unused : maps the number of a microphone to its given position (D,), metres,
+    which the solver did not get
     """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     seen = judged(estimate, names, scale, unused)
@@ -118,7 +121,7 @@ def judged(
     unused: Mapping[int, np.ndarray] = MappingProxyType({}),
     faulty: Mapping[int, ChannelFault] | None = None,
 ) -> Judged:
-    """Return the evidence for the verdict; arguments as of `assess`, and the `faulty` channels unless to be found."""
+    """Return the evidence for the verdict; see `assess` for the arguments. Without `faulty`, the faults are found."""
     problem, modes, channels, covariance = estimate.problem, estimate.modes, estimate.channels, covariance_of(estimate)
     single = is_single_wave(problem.pressures[modes])
     if faulty is None:
@@ -179,7 +182,7 @@ def _residual_to_noise(estimate: Estimate, healthy: np.ndarray) -> float:
 
 
 def _rival(estimate: Estimate, sigma: float, healthy: np.ndarray) -> np.ndarray:
-    """Return how far each microphone is away in another optimum that is as likely : (N,), metres; 0 without one."""
+    """Return the distance of each microphone from its place in another optimum as likely : (N,), metres; 0 without."""
     tried, same = estimate.tried, max(3 * sigma, RIVAL_DISTANCE)
     for one in tried[1:]:
         away = np.linalg.norm(align(one.positions, tried[0].positions, healthy) - tried[0].positions, axis=1)
@@ -189,7 +192,7 @@ def _rival(estimate: Estimate, sigma: float, healthy: np.ndarray) -> np.ndarray:
 
 
 def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:
-    """Return the probability of the disagreement with the right given positions, and their largest sigma, metres."""
+    """Return the agreement with the given positions that are not `wrong`, and `loosest`, metres, as of `Judged`."""
     problem, given = estimate.problem, estimate.given
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
@@ -199,7 +202,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
         springs = zip(problem.known[kept], given.stiffness[kept], strict=True)
         others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - spring * np.eye(D)) for n, spring in springs]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
-    if given.carry_scale:  # then the size follows from the assumption of an isotropic field
+    if given.carry_scale:  # without given positions only the assumption of an isotropic field determines the size
         return 1.0, loosest
     return given.probability(kept), loosest
 

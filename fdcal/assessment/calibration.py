@@ -66,7 +66,7 @@ class FaultKind:
     """What all faults of a kind have in common."""
 
     question: str  # question of `fdcal doctor` to which the fault belongs
-    mend: bool = False  # whether the user can repair it, by a cable or by a row of a list
+    mend: bool = False  # whether the user can repair it, by exchanging cables or by correcting a row of a list
     minor: bool = False  # whether it is a property of another type of microphone, which a calibration corrects
 
 
@@ -107,10 +107,10 @@ class ChannelFault:
     Attributes
     ----------
     name : str
-        Of the microphone.
+        Name of the microphone.
     kind : str
-        A key of `FAULTS`: of a result "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or
-        "swapped", see `fdcal.assessment.channels`.
+        A key of `FAULTS`. A result has the kinds "inverted", "dead", "noisy", "delayed", "high_pass", "gain",
+        "misplaced" and "swapped", which `fdcal.assessment.channels` explains.
     value : float or None
         Gain or noise relative to the median channel in decibels, phase in degrees, delay in seconds, corner frequency
         minus that of the others in hertz, or distance from the given position in metres.
@@ -221,7 +221,7 @@ class Calibration(FrozenArrays):
     solver : str
     seed : int
     frequencies : (M,) float64
-        Those used, Hz, ascending.
+        Frequencies in use, Hz, ascending.
     cost : float
         What the solver minimised; dimensionless with modes of unit RMS. Solvers minimise different quantities.
     cost_db : float or None
@@ -239,7 +239,7 @@ class Calibration(FrozenArrays):
         Whether nothing fixes translation, rotation and mirror image, so that the errors are those after the best
         rigid motion.
     mean_error, rms_error, max_error : float or None
-        Over the microphones that `counted` names, metres; None where the true positions are unknown.
+        Over the microphones that `counted` returns, metres; None where the true positions are unknown.
     errors : (N,) float64 or None
         Distance of each microphone from its true position, metres.
     sound_speed : float or None
@@ -249,7 +249,7 @@ class Calibration(FrozenArrays):
     verdict_text : str
         The verdict in words.
     uncertainty : (N,) float64 or None
-        One sigma of each position, metres; 0 for a known microphone whose position the solver held.
+        One sigma of each position, metres; 0 for a known microphone that the solver did not move.
     covariance : (N, D, D) float64 or None
         Of each position, metres^2.
     evidence : Evidence or None
@@ -344,7 +344,8 @@ class Calibration(FrozenArrays):
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
-        A result without given positions is moved as a whole onto the true positions, by its healthy channels.
+        A result without given positions is moved as a whole onto the true positions. The microphones with healthy
+        channels determine this motion.
 
         Parameters
         ----------

@@ -23,13 +23,15 @@ MIN_NOISE = 1e-4
 # Noise that a position error of three sigmas can cause is not a fault either, as long as it is below 1 % of the power.
 POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
-# Fraction of the frequencies, those that the others predict best, where a dead channel is unpredicted, too: with the
-# mean over all, healthy channels of 54 of 90 sparse arrays count as dead, and with this 10
+# A dead channel is unpredicted even at the frequencies that the others predict best. The test therefore uses this
+# quantile over the frequencies: with it healthy channels count as dead in 10 of 90 sparse arrays, with the mean in 54.
 BEST_PREDICTED = 0.1
-# Factor by which this fraction must also exceed that of a usual channel: this quantile is still one of a healthy
-# channel if half of the channels are dead.
+# The unpredicted fraction of a dead channel must also exceed that of a usual channel by this factor. A usual channel is
+# the quantile USUAL over the channels, which is healthy even if half of the channels are dead.
 UNPREDICTED_TO_USUAL, USUAL = 3.0, 0.4
-MAX_UNPREDICTED = 0.5  # fraction of such channels above which none is dead: the array is too sparse for a prediction
+# If more than this fraction of the channels is unpredicted on average over the frequencies, none of them counts as
+# dead, because the array is too sparse for a prediction.
+MAX_UNPREDICTED = 0.5
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:
@@ -104,9 +106,9 @@ def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFaul
     return found
 
 
-COHERENT = 0.5  # least fraction of the power that a delay explains
+COHERENT = 0.5  # least fraction of the power that the delayed prediction explains in a delayed channel
 DELAY_GAIN = 1.02  # least ratio of the coherence with a delay to that without
-# seconds, largest delay that is tried, and step
+# seconds, largest delay that is tried, and distance of two delays
 MAX_DELAY = 2e-3
 DELAY_STEP = 1e-5
 
@@ -126,7 +128,7 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
     return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
 
 
-# A given position is wrong if its microphone is farther away than both limits, in sigmas and in metres.
+# A given position is wrong if its microphone is found farther from it than both limits, in sigmas and in metres.
 MISPLACED_SIGMAS = 3.0
 MIN_MISPLACED = 0.006
 # Two microphones are exchanged if the second one stands at the given position of the first: closer than the larger of
@@ -140,7 +142,7 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
     """Return the wrong and the exchanged given positions."""
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
-    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # if all given positions are inaccurate, none of them is wrong
+    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all given positions are inaccurate, none counts as wrong
     for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         if x is estimate.positions or found is None:

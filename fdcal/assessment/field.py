@@ -32,8 +32,8 @@ def leave_one_out_errors(
 ) -> np.ndarray:
     """Return the pressure of each microphone minus its prediction by the others : (modes, N) complex128.
 
-    positions : (N, D), metres; noise : (M,), estimated if None; healthy : (N,) bool, microphones that are used to
-    predict, None for all
+    positions : (N, D), metres; noise : (M,), noise power, estimated if None; healthy : (N,) bool, microphones from
+    which the others are predicted, None for all
     """
     x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
     seen = np.ones(len(x), bool) if healthy is None else healthy
@@ -79,8 +79,8 @@ def cross_validate(
 ) -> CrossValidation:
     """Return the normalised leave-one-out errors of the pressures of some modes.
 
-    problem : with pressures divided by the gains of the channels; positions, modes, noise, healthy : as of
-    `leave_one_out_errors`. If too few channels are healthy to predict the others, all of them are used.
+    problem : a problem whose pressures were divided by the gains of the channels; positions, modes, noise, healthy :
+    see `leave_one_out_errors`. If too few channels are healthy to predict the others, all channels are used.
     """
     if healthy is not None and (np.all(healthy) or np.sum(healthy) <= problem.array_dimension):
         healthy = None
@@ -89,7 +89,7 @@ def cross_validate(
 
 
 def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | None = None) -> CrossValidation:
-    """Return the normalised powers of the leave-one-out errors of pressures (M, N), averaged over `healthy` ones."""
+    """Return normalised powers of the leave-one-out errors (M, N); averages are over the `healthy` microphones."""
     counted = slice(None) if healthy is None else healthy
     power = mode_power(pressures[:, counted])[:, None]
     signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power

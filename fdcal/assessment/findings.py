@@ -30,7 +30,7 @@ CAUSES = (
     "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
     " faulty channels, or positions not found yet"
 )
-MORE_MODES = "use more frequencies (<modes>), or "  # begins a remedy; `first_finding` names their number, or omits it
+MORE_MODES = "use more frequencies (<modes>), or "  # begins a remedy; `first_finding` inserts a number, or omits it
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -45,7 +45,7 @@ class Answer:
     text: str
     value: float | None = None
     unit: str = ""
-    # the faults and differences: kind, a key of `FAULTS`, and name of the microphone, or "" for the whole recording
+    # pairs of a fault or difference, a key of `FAULTS`, and the name of its microphone, "" for the whole recording
     found: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -99,10 +99,10 @@ class Judged:
     def uneven(self) -> np.ndarray:
         """Which of the healthy or noisy channels have far more residual than the median one : bool.
 
-        Channels of one kind have the same noise, before or behind their gains, but a source inside the array leaves
-        unequal residuals. Up to UNEVEN_FRACTION of the power may be leakage of the spectrum. Channels with the fault
-        "noisy" count as well, because a source can cause their noise. If no other channel is uneven, however, these are
-        faults of single channels, and no channel counts as uneven.
+        Channels of the same type have equal noise either before or after their gain stages, but a source inside the
+        array leaves unequal residuals. Up to UNEVEN_FRACTION of the power may be leakage of the spectrum. Channels with
+        the fault "noisy" count as well, because a source can cause their noise. If no other channel is uneven, however,
+        these are faults of single channels, and no channel counts as uneven.
         """
         channels, counted = self.estimate.channels, self.healthy | self.noisy
         behind = channels.noise[counted]
@@ -129,7 +129,7 @@ UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the
 # Fraction of the power that a healthy measurement may leave unexplained beside its noise. In measured arrays the
 # microphones predict each other to -27 to -32 dB at the true positions; simulated living rooms leave 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
-MAX_UNEXPLAINED = 0.12  # largest fraction of channels that the field does not explain without a common cause
+MAX_UNEXPLAINED = 0.12  # if the field does not explain more than this fraction of the channels, they share a cause
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
 
@@ -162,8 +162,8 @@ def _disagreement(seen: Judged) -> str:
     found = "pressures" if len(seen.estimate.problem.known) else "array found without them"
     chance = f"1 of {1 / seen.agreement:.0f}" if seen.agreement > 1e-6 else "less than 1 of 1000000"
     return (
-        f"the positions given and the {found} do not agree; by chance they would disagree so in {chance} cases: a given"
-        " position or the sound speed is wrong, or the array was not found"
+        f"the positions given and the {found} do not agree; chance causes such a disagreement in {chance} cases: a"
+        " given position or the sound speed is wrong, or the array was not found"
     )
 
 
@@ -223,8 +223,8 @@ def _in_doubt(seen: Judged) -> str:
 def _other_minimum(seen: Judged, limit: float) -> bool:
     """Whether one microphone has a larger residual than the field of a room explains, so that it may stand elsewhere.
 
-    In living rooms and halls its position is usually right all the same. From M frequencies the noise of a channel is
-    known with a relative error of about 1 / sqrt(M).
+    In living rooms and halls the position of such a microphone is usually right nevertheless. From M frequencies the
+    noise of a channel is estimated with a relative error of about 1 / sqrt(M).
     """
     least = max(limit, 1 + 9 / np.sqrt(len(seen.estimate.field.power)))
     judged = seen.noisiest >= 0 and seen.by_rows and seen.noise_fraction > ROOM_FRACTION
@@ -241,7 +241,7 @@ class Finding:
     # what the user can do, for some findings a function of the evidence; "" where the words say so
     remedy: str | Callable[[Judged], str] = ""
     limit: float = 0.0  # the threshold
-    reason: str = ""  # meaning of the limit, and why it has this value; without a limit what the condition is
+    reason: str = ""  # meaning of the limit, and why it has this value; meaning of the condition if there is no limit
 
 
 # fmt: off
@@ -252,16 +252,16 @@ FINDINGS: tuple[Finding, ...] = (
             "measure ten times longer, or 10 dB louder",
             0.3, "noise over the power; above this the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
-            reason="a single wave passes the array, because there are hardly any reflections"),
+            reason="a single wave passes the array because there are hardly any reflections"),
     Finding("model_mismatch",  # if half of them are noisy, the cause may be the field model: the next row
             lambda seen, limit: len(seen.channel_faults) > max(2, limit * len(seen.names))
             and not (2 * seen.noisy.sum() >= len(seen.channel_faults) and _many_unexplained(seen, MAX_UNEXPLAINED)),
             _many_faulty, "check their cables and gains",
-            0.3, "fraction of channels with a fault of their own; above this too few channels remain to compare with"),
+            0.3, "fraction of channels with a fault of their own; above it too few channels remain to compare with"),
     Finding("model_mismatch", _many_unexplained,
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", MAX_UNEXPLAINED, "fraction of channels that the field does not explain; more have a common cause"),
+            "", MAX_UNEXPLAINED, "fraction of channels that the field does not explain; more of them share a cause"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"

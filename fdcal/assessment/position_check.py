@@ -23,7 +23,7 @@ class Match:
 
     placed: np.ndarray  # (N, D) float64, metres, the points after the rigid motion
     order: np.ndarray  # (N,) int64, index of the other point that is assigned to each
-    cost: float  # metres^2, mean square of the distances, where each counts up to the tolerance
+    cost: float  # metres^2, mean square of the distances, each of which is limited to the tolerance
 
 
 def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -44,8 +44,8 @@ def tolerance_of(points: np.ndarray) -> float:
     return TOLERANCE * float(np.median(nearest_neighbours(points)))
 
 
-MAX_REFINED = 40  # number of motions, of each base, that are refined, at most
-USUAL_COUNT = 64  # number of points from which fewer motions are refined
+MAX_REFINED = 40  # largest number of motions of each base that are refined
+USUAL_COUNT = 64  # with more points than this, fewer motions are refined
 ENOUGH = 0.9  # no further base is tried once this fraction of the points lies close to another point
 
 
@@ -85,7 +85,7 @@ def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.nda
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 
-MAX_ROUNDS = 20  # number of turns of a refinement at most
+MAX_ROUNDS = 20  # largest number of iterations of a refinement
 
 
 def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
@@ -101,7 +101,7 @@ def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
     return Match(placed, order, float(np.mean(np.minimum(distance, tolerance) ** 2)))
 
 
-MAX_BASES = 8  # number of bases at most
+MAX_BASES = 8  # largest number of bases
 
 
 def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
@@ -119,7 +119,7 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
         yield np.array(base)
 
 
-MAX_WORK = 64_000  # number of points that the motions of each base move, at most
+MAX_WORK = 64_000  # largest number of points that all motions of one base move together
 
 
 def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
@@ -226,16 +226,16 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     """Compare estimated positions with those of a list.
 
     The two are matched by their shape, whatever their order, position and size; the order of the list is kept if it
-    fits as well as any other. A swap is reported if the array as a whole fits better with it, and the distances of the
-    exchanged microphones fall to less than half; in a cycle of four or more, those of three quarters are enough.
+    fits as well as any other. A swap is reported if the array as a whole fits better with it, and if the distance of
+    each exchanged microphone falls to less than half. In a cycle of four or more, three quarters of them suffice.
 
     Parameters
     ----------
     found, given : (N, D) array_like
         Metres.
     known : sequence of int
-        Numbers of known microphones. The positions are first moved as a whole onto the list if there are none, or if
-        the list fits only after such a motion.
+        Numbers of known microphones. If there are none, or if the list fits only after such a motion, the positions are
+        first moved as a whole onto the list.
 
     Returns
     -------
@@ -270,7 +270,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     return replace(free, moved=True)
 
 
-MAX_SCALE = 1.1  # ratio of the sizes of list and array that is ignored if the list fits unscaled
+MAX_SCALE = 1.1  # up to this ratio of the sizes of list and array the list is not scaled if it fits unscaled
 
 
 def size_ratio(found: np.ndarray, given: np.ndarray) -> float:
@@ -324,10 +324,10 @@ def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
 
 
 # Largest median distance, in spacings of the microphones, of a list that fits in its own order, and of one in which
-# most rows are exchanged; unrelated arrays reach 0.28 with 16 microphones and 0.34 with 32.
+# most rows are exchanged; for unrelated arrays it is as low as 0.28 with 16 microphones and 0.34 with 32.
 CLOSE = 0.5
 CLOSE_EXCHANGED = 0.25
-FREEDOM = 12  # microphones beyond D + 1 from which CLOSE_EXCHANGED applies; with fewer the limit is lower
+FREEDOM = 12  # number of microphones beyond D + 1 from which CLOSE_EXCHANGED applies; with fewer the limit is lower
 
 
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
@@ -349,7 +349,7 @@ IMPROVED = 0.75  # least fraction of the microphones of a cycle whose distance i
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Return the row of the list at whose position each microphone stands : (N,) int64.
 
-    Only exchanges that improve the fit count.
+    It differs from the microphone's own row only where an exchange improves the fit.
     """
     order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
     before = np.linalg.norm(placed - given, axis=1)

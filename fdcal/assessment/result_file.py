@@ -155,7 +155,7 @@ def read_result(text: str | bytes, where: str = "the result") -> Calibration:
     ----------
     text : str, or bytes in UTF-8
     where : str
-        What an error calls the text, as the path of its file.
+        Name of the text in error messages, such as the path of its file.
 
     Returns
     -------
@@ -197,7 +197,7 @@ def save_result(
     force : bool
         Whether an existing file is overwritten.
     check : PositionCheck, optional
-        A comparison with a list of positions, written as the key "check", of which `order` is read again.
+        A comparison with a list of positions, which is written under the key "check". `load` reads only its order.
 
     Raises
     ------
@@ -293,9 +293,9 @@ def _checked(content: dict, where: str) -> ResultTable:
 def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:
     """Return positions (N, D) as CSV; lengths in metres, unknown values empty.
 
-    Without known microphones the whole array is first moved by the best rigid motion or mirror image, which the
-    microphones `by` determine, and the column of the errors is called error_once_aligned_m. Nominal positions have
-    columns nominal_x_m and so on.
+    `sigma` (N,), metres, is one sigma of each position. Without known microphones the errors are those after the best
+    rigid motion or mirror image, which the microphones `by` determine, and their column is called error_once_aligned_m.
+    The columns of nominal positions are called nominal_x_m and so on.
     """
     truth, errors, axes = measurement.positions, measurement.errors(positions, by), "xyz"[: measurement.array_dimension]
     unknown = np.full((measurement.count, len(axes) + 1), None)

@@ -4,12 +4,13 @@ After a run it follows from what the solver reports at its minimum (`PositionSpr
 
     P   inverse of the Gauss-Newton matrix of cost and priors: the covariance if the field is as assumed
     Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
-    r   dispersion: covariance that the disagreement of blocks of frequencies and takes shows, over Q
+    r   dispersion: ratio to Q of the covariance that the differences between blocks of frequencies and takes show
     C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
 P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
-is less random than this, which r measures. Since r comes from about ten blocks only, three quarters of its excess are
-used, and r < 1 does not reduce the covariance. The part of P that is due to the priors is not enlarged.
+is less random than this model, and r measures how much. Since r is estimated from about ten blocks only, three quarters
+of its excess over 1 are used, and r < 1 does not reduce the covariance. The part of P that is due to the priors is not
+enlarged.
 
 One sigma of a position is the root of the trace of C, which is the RMS distance from the true position. One sigma of a
 coordinate is the root of an element of the diagonal of C.
@@ -18,7 +19,8 @@ C describes one minimum. The spread of the search describes the distances betwee
 
     w_e = exp(-score_e) / sum_f exp(-score_f),   spread of microphone n = sqrt(sum_e w_e |d_en|^2)
 
-d_en is the distance of microphone n between optimum e and the likeliest one.
+score_e is the score of optimum e, nats; d_en is the distance between the positions of microphone n in optimum e and in
+the likeliest one.
 
 Before a measurement the Cramer-Rao bound is the least possible uncertainty. It follows from the Fisher information of a
 diffuse field on positions, channel gains and the sound speed:
@@ -178,16 +180,16 @@ def position_bound(information: Information, prior: Prior) -> Bound:
 
 
 def covariance_of(estimate: Estimate, by_model: bool = False) -> np.ndarray:
-    """Return the covariance of each position (N, D, D), metres^2: C, or P if it is that `by_model` alone."""
+    """Return the covariance of each position (N, D, D), metres^2: C of the module, or with `by_model` only P."""
     (N, D), spread = estimate.positions.shape, estimate.spread
     covariance = spread.newton if by_model else spread.covariance
     blocks = np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
     return blocks if by_model else blocks + spread.step[:, :, None] * spread.step[:, None, :]
 
 
-# Least extent along the shortest axis that is assumed, relative to the longest axis, if short windows determine the
-# array, since a flat array has no height to stretch. Without short windows this rule would give the verdict "good" to a
-# line in a plane whose error is 2.4 times the claimed sigma (1 of 60 arrays).
+# Where short windows determine the array, its extent along every axis counts as at least this fraction of the longest
+# one, because a flat array has no height that a stretching could change. Without short windows the same rule would give
+# the verdict "good" to a line in a plane whose error is 2.4 times the claimed sigma (1 of 60 arrays).
 LEAST_EXTENT = 0.5
 
 

@@ -198,7 +198,7 @@ def faults_text(faults: Iterable[ChannelFault]) -> str:
     names = dict[str, list[str]]()
     for fault in faults:
         names.setdefault(fault_words(fault), []).append(fault.name)
-    return "; ".join(f"microphone{'s' * (len(of) > 1)} {listed(of)}: {fault}" for fault, of in names.items())
+    return "; ".join(f"microphone{'' if len(of) == 1 else 's'} {listed(of)}: {fault}" for fault, of in names.items())
 
 
 def error_words(result: Calibration) -> str:
@@ -218,7 +218,7 @@ def error_parts(errors: np.ndarray | None, aligned: bool = False, nominal: bool 
     figures = length_text(float(errors[0]))
     if len(errors) > 1:
         figures = f"mean {length_text(float(errors.mean()))}, largest {length_text(float(errors.max()))}"
-    remarks = ["from nominal"] * nominal + ["after alignment"] * aligned
+    remarks = [words for words, said in (("from nominal", nominal), ("after alignment", aligned)) if said]
     return "deviation" if nominal else "error", figures, ", ".join(remarks)
 
 
@@ -237,7 +237,7 @@ def state_error_words(measurement: Measurement, errors: np.ndarray | None, fault
         return ""
     mean = float(errors.mean())
     size = f"less than {length_text(SMALLEST)}" if 0 < mean < SMALLEST else length_text(mean)
-    text = f"{size} {'from nominal' if measurement.nominal else 'off'}{' on average' * (len(errors) > 1)}"
+    text = f"{size} {'from nominal' if measurement.nominal else 'off'}{' on average' if len(errors) > 1 else ''}"
     return text + (f" without {counted(faulty, 'faulty channel')}" if faulty else "")
 
 

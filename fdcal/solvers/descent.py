@@ -51,7 +51,7 @@ TRAITS = Traits(
 class State(RunState):
     """Everything `step` needs. A run can be continued from any state.
 
-    `cost`: sum over the modes in use (Eq. 7), about the centre that the last step used.
+    `cost`: Eq. 7 summed over the modes in use, with the expansion about the centre that the last step used.
     """
 
     solver: ClassVar[str] = "descent"
@@ -72,7 +72,10 @@ class State(RunState):
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
-    """Return the number added to ceil(kR) (Eq. 3): 0 for few modes, which more functions would fit at any positions."""
+    """Return the number added to ceil(kR) (Eq. 3).
+
+    It is 0 while few modes are in use, because with more functions the expansion would fit them at any positions.
+    """
     return settings.order_offset if modes >= settings.ample_modes else 0
 
 
@@ -168,7 +171,7 @@ def _cost(problem: Problem, state: State) -> float:
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
-    InputError if these modes were not measured, or if the microphones cannot carry them at their order.
+    InputError if these modes were not measured, or if there are too few microphones for the order of their expansion.
     """
     require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)
@@ -187,7 +190,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
 
 def result(problem: Problem, state: State) -> Estimate:
-    """Return what descent has found, with the uncertainty from the likelihood, since Eq. 7 does not model noise."""
+    """Return what descent has found; its uncertainty comes from the likelihood, because Eq. 7 does not model noise."""
     return estimate_at(problem, state.settings, state.positions, state.modes, state.converged)
 
 
@@ -203,8 +206,8 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
         raise InputError(message, "use <known> all, or <solver> joint", key="known")
     if problem.dimension != problem.array_dimension:
         raise InputError(
-            "descent works on two-dimensional fields and on arrays in space; this measurement of an array in a plane"
-            " has dimension = 3",
+            "descent needs a two-dimensional field or an array in space; this measurement of an array in a plane has"
+            " dimension = 3",
             "use <solver> joint",
         )
     search, known, count = eq7.search_domain(problem), problem.known.tolist(), problem.pressures.shape[1]
