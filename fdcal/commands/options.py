@@ -74,7 +74,7 @@ def _distance(value: str) -> tuple[str, str, float]:
 def _separated(
     value: str, separator: str, kind: type, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
 ) -> tuple[Any, ...]:
-    """Return numbers from `low` to `high`, as many as one of `counts` says, if it is given; otherwise ValueError."""
+    """Return the numbers in a text; ValueError unless they are from `low` to `high`, and their number in `counts`."""
     found = tuple(kind(part) for part in value.lower().split(separator))
     if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
         raise ValueError
@@ -221,7 +221,7 @@ KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is gi
 def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> Callable[[Any], Any]:
     """Return a decorator that adds the options that a dataclass declares, all or those named.
 
-    `types`: of the options whose text is converted before it is put into the field.
+    `types`: the types of options whose text is not yet the value of the field.
     """
 
     def add(command):

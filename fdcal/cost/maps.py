@@ -5,7 +5,7 @@
     likelihood_maps                 the negative log-likelihood, which the other solvers minimise
     cost_maps                       one of these, as the page requests it
     partial_sums                    the map while modes are added one by one
-    map_minima, minima_of           the marks on a map
+    map_minima, minima_of           the minima that are marked on a map
     landscape_panels                the landscapes of one microphone, for each mode and their sum: the paper's Fig. 1
     mode_shape                      the sound field of one mode, reconstructed from the recorded pressures
 

@@ -97,7 +97,7 @@ MARKS = {
             "minima", "other minimum", "diamond", LOWEST, 2.2, 0.45, 0.25,
             size=0.55, line=0.16, line_halo=0.16, marker="D", points=4.0, stroke=1.5,
         ),
-        # their halo shows on a dark page
+        # the halo makes its symbol visible on a dark page
         Mark("isosurfaces", "isosurface", "rings", LOW_COST, size=0.66, line=0.2),
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
@@ -258,7 +258,7 @@ def _layers(mark: Mark) -> Iterator[tuple[np.ndarray, Colour, float, bool]]:
 
 
 def css(colour) -> str:
-    """Return a colour as CSS has it."""
+    """Return a colour in the notation of CSS."""
     return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
 
 

@@ -78,7 +78,7 @@ def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str
     kept = slice(0, max(1, MAX_PRESSURES // problem.pressures.shape[1]))
     modes, search, own = carried.modes[kept], problem.search, ("order_offset", "ample_modes", "known_weight")
     descends = problem.dimension == problem.array_dimension == 2 and fixes_gauge(problem.known_positions)
-    descends = descends and settings.order_offset <= carried.order_offset  # no order of a step may exceed the maps'
+    descends = descends and settings.order_offset <= carried.order_offset  # a step may not exceed the order of the maps
     data = {
         "origin": list(search.origin[:2]),
         "step": search.step,

@@ -16,10 +16,10 @@ at the time after which no frequency is louder than it is at the end of the reco
 
 Where the signal S that the source emitted is given, `deconvolve` divides the recording X by it. X / S, regularised
 where S is weak, is the transform of the response, apart from a factor at each frequency that is the same for all
-channels and does no harm. The response starts `lead` seconds late, so that the ringing of the band-limited spectrum,
-which comes before the sound as well as after it, lies inside. The division distributes the noise of the recording over
-its whole length; if S is a sweep, the division shifts the noise of each frequency by a different time. The noise inside
-the response is therefore estimated from all that is outside of it, and not from the end of the recording alone.
+channels and does no harm. The response starts `lead` seconds late, so that it contains the ringing of the band-limited
+spectrum, which comes before the sound as well as after it. The division distributes the noise of the recording over its
+whole length; if S is a sweep, the division shifts the noise of each frequency by a different time. The noise inside the
+response is therefore estimated from all that is outside of it, and not from the end of the recording alone.
 """
 
 from dataclasses import dataclass, replace

@@ -128,7 +128,7 @@ log = logging.getLogger(__name__)
 
 
 class SolverRun:
-    """The states of a run and the commands that change them; for one thread.
+    """The states of a run and the commands that change them; only one thread may call its methods.
 
     Parameters as of `Session`. `on_change` is called after `view` has changed, which is frozen, so that any thread may
     read it; `pause_between_steps` is the minimum time between two steps, s.

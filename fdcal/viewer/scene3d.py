@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 TOLERANCE = 1e-3  # relative, of camera positions that count as equal
 AIM_TOLERANCE = 4e-6  # of its distance: how far from its target a page's camera may aim
-DEPTH_RANGE = 40.0  # the target's distance over the least distance that is drawn, and the greatest over the target's
+DEPTH_RANGE = 40.0  # objects are drawn at distances from 1 / 40 of the target's distance to 40 times it
 MAX_PIXELS = 16384  # largest width or height of a canvas
 
 

@@ -108,7 +108,7 @@ def meaning(cell: str) -> tuple[str, float | None]:
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", cell)  # posX, XPos
     words = re.findall(r"[^\W\d_]+", re.sub(r"\b([xyz])(mm|cm|m|in|ft)\b", r"\1 \2", spaced.lower()))
     found = [kind for kind, known in MEANINGS.items() if set(words) & set(known.split())]
-    if len(set(words) & set("xyz")) > 1:  # a sentence
+    if len(set(words) & set("xyz")) > 1:  # a cell that names several axes is a sentence
         return "", None
     unit = UNITS.get(words[-1]) if len(words) > 1 else None
     return (found[0] if found else "name" if cell in ("", "#") else ""), unit
