@@ -47,27 +47,30 @@ MAX_THREADS = 4
 
 
 @functools.cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(min(MAX_THREADS, os.cpu_count() or 1), "fdcal-modes")
+def _pool(name: str) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(MAX_THREADS, os.cpu_count() or 1), f"fdcal-{name}")
 
 
 def shut_down_threads() -> None:
     """End the threads of `parallel_map` after their current work; a later call starts new ones."""
-    pool = _pool()
+    pool = _pool("modes")
     _pool.cache_clear()
     pool.shutdown()
 
 
-def parallel_map(function: Callable[[Item], Result], items: Iterable[Item], worth: bool = True) -> Iterator[Result]:
+def parallel_map(
+    function: Callable[[Item], Result], items: Iterable[Item], worth: bool = True, name: str = "modes"
+) -> Iterator[Result]:
     """Return an iterator over the values of a function for all items, in their order, computed by up to 4 threads.
 
     The function must not call `parallel_map`, because that could deadlock. Pass `worth=False` if there is so little
-    work that one thread is faster.
+    work that one thread is faster. `name` selects the threads: a function that takes long must not use those of the
+    modes, because solvers and maps would have to wait for it.
     """
     items = list(items)
     runs = [partial(copy_context().run, function, item) for item in items]  # the context holds this thread's deadline
     try:
-        return _pool().map(lambda run: run(), runs) if worth else map(function, items)
+        return _pool(name).map(lambda run: run(), runs) if worth else map(function, items)
     except RuntimeError:  # the interpreter is exiting, and the pool accepts no more work
         return map(function, items)
 

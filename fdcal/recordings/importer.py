@@ -67,7 +67,7 @@ def import_recording(
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement in a file or folder, or in several (see `ImportOptions.files`), and a report on it.
 
-    `progress`: called with the fraction done, 0 to 1, and a note after each take.
+    `progress`: called with the fraction done, 0 to 1, and a note, first with 0 and then after each take.
     """
     paths = [path] if isinstance(path, (str, Path)) else list(path)
     return measurement_of_takes(read_takes(paths, options), options, progress)
@@ -212,9 +212,10 @@ def measurement_of_takes(
         except NothingAboveNoise as error:
             return error
 
-    for number, found in enumerate(parallel_map(of_take, range(len(takes)), len(takes) > 1)):
-        if progress is not None:
-            progress((number + 1) / len(takes), f"{number + 1} of {len(takes)} takes")
+    progress = progress or (lambda done, note: None)
+    progress(0.0, f"takes: {len(takes)}")
+    for number, found in enumerate(parallel_map(of_take, range(len(takes)), len(takes) > 1, "takes")):
+        progress((number + 1) / len(takes), f"takes: {number + 1} of {len(takes)}")
         if not isinstance(found, NothingAboveNoise):
             done.append(found)
             continue
@@ -271,9 +272,8 @@ def _measurement_of_take(
         if options.reference is not None:  # deconvolved in the whole band, since a wide band makes the onset sharp
             whole = IMPORT_LIMITS.low, ARRIVAL_BAND * recording.sample_rate
             responses, _ = deconvolve(taken, formats.read(options.reference, rate=options.rate), whole)
-        found_arrivals = first_arrivals(read_samples(responses, 0, responses.samples), responses.sample_rate)
-        if found_arrivals is not None:
-            times, sigma = found_arrivals
+        if arrived := first_arrivals(read_samples(responses, 0, responses.samples), responses.sample_rate):
+            times, sigma = arrived
             measurement = replace(measurement, arrivals=times[None], arrival_sigma=sigma)
     measurement = replace(measurement, windows=short_windows(responses, kind, options, takes, number, axes))
     how = (recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words, height)
@@ -290,7 +290,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
         chosen = [select.select_subset(one, options.subset) for one in chosen]
     if listed:  # before any sample is read, since samples of these channels may not be numbers
         chosen = [select.exclude_channels(one, listed) for one in chosen]
-    health = list(parallel_map(select.inspect_channels, chosen, len(chosen) > 1))
+    health = list(parallel_map(select.inspect_channels, chosen, len(chosen) > 1, "takes"))
     if "bad" not in parts:
         for one, state in zip(chosen, health, strict=True):
             select.require_usable_channels(one, state)
@@ -398,10 +398,8 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     if not report.takes:
         lines += [f"SNR          {''.join(_snr_words(report.pressures))}"]
     highest = "unknown" if report.highest_frequency is None else f"{report.highest_frequency:.0f} Hz"
-    radius = word_arguments(report.radius, wording)
-    lines.append(f"highest usable frequency  {highest}; radius of the array: {radius}")
-    needed = min_microphones(measurement.dimension)
-    if count < needed:
+    lines.append(f"highest usable frequency  {highest}; radius of the array: {word_arguments(report.radius, wording)}")
+    if count < (needed := min_microphones(measurement.dimension)):
         lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
     return "\n".join(lines)
 

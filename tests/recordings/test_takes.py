@@ -1,6 +1,8 @@
 """Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
 
 import dataclasses
+import threading
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from fdcal.model.validation import InputError
 from fdcal.recordings import channels
 from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
 from fdcal.recordings.frequencies import default_max_rows
-from fdcal.recordings.importer import import_recording, import_summary, split
+from fdcal.recordings.importer import import_recording, import_summary, measurement_of_takes, split
 from fdcal.recordings.impulse_response import require_quiet_end, segment_levels
 from fdcal.recordings.recording import ImportOptions, recording_of
 
@@ -49,9 +51,8 @@ def folder(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("takes")
     for s in range(3):
         write(path / f"take{s}.wav", noisy(responses(s), 50, seed=s))
-    samples = soundfile.read(path / "take0.wav")[0].T
     (path / "single").mkdir()
-    for n, row in enumerate(samples):
+    for n, row in enumerate(soundfile.read(path / "take0.wav")[0].T):
         soundfile.write(path / "single" / f"mic{n:02d}.wav", row, FS, subtype="FLOAT")
     write(path / "still.wav", noisy(playing(0, 24, 5), 40))
     return path
@@ -71,8 +72,7 @@ def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     run("import", *files, "-o", "m.npz", "--sound-speed", SPEED, "--array-radius", "0.5", "--max-rows", 120)
     printed = capsys.readouterr().out
-    assert f"takes        3 of {COUNT} channels" in printed
-    assert f"{len(together.frequencies)} in all" in printed
+    assert f"takes        3 of {COUNT} channels" in printed and f"{len(together.frequencies)} in all" in printed
     assert "take 2" in printed and "take2.wav: 0.6 s" in printed
     same(fdcal.load("m.npz"), together)
 
@@ -83,8 +83,7 @@ def test_files_of_one_channel_are_the_channels_of_one_take(folder):
         (folder / "single" / f"._{file.name}").write_bytes(b"\0\5\x16\7")
     same(fdcal.load(folder / "single", **GIVEN), fdcal.load(files, **GIVEN))
     joined, whole = fdcal.load(files, **GIVEN), fdcal.load(folder / "take0.wav", **GIVEN)
-    assert joined.names == tuple(f"mic{n:02d}" for n in range(COUNT))
-    assert joined.take_count == 1
+    assert joined.names == tuple(f"mic{n:02d}" for n in range(COUNT)) and joined.take_count == 1
     same(joined, whole)
 
 
@@ -95,8 +94,7 @@ def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path)
     files = [tmp_path / "left.wav", tmp_path / "right.wav"]
     refuses(r"have 6 and 10 channels.*channels for one take", fdcal.load, files)
     joined = fdcal.load(files, files="channels", **GIVEN)
-    assert joined.names[5:7] == ("left.5", "right.0")
-    assert joined.count == COUNT
+    assert joined.names[5:7] == ("left.5", "right.0") and joined.count == COUNT
 
 
 def test_measurements_of_several_files_are_takes(folder, tmp_path):
@@ -108,18 +106,25 @@ def test_measurements_of_several_files_are_takes(folder, tmp_path):
     refuses("tiny is not a file of a take", lambda: fdcal.load(["tiny", str(tmp_path / "0.npz")]))
 
 
+def test_takes_have_threads_of_their_own_so_that_no_solver_waits_for_them():
+    names, seen = set(), []
+    takes = [recording_of("file", "impulse", FS, noisy(responses(s), 50, seed=s)) for s in range(3)]
+    read = lambda *part, one: names.add(threading.current_thread().name.partition("_")[0]) or one.block(*part)  # noqa: E731
+    watched = [dataclasses.replace(one, block=partial(read, one=one)) for one in takes]
+    measurement_of_takes(watched, ImportOptions(**GIVEN), lambda done, note: seen.append(done))
+    assert names == {"MainThread", "fdcal-takes"} and seen == [0, 1 / 3, 2 / 3, 1]
+
+
 def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     rng = np.random.default_rng(3)
     recording = recording_of("long.wav", None, FS, rng.standard_normal((2, 10 * FS)))
     lengths = [[part.samples / FS for part in split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
     assert lengths == [[4, 4, 2], [3, 3, 4], [3.9, 3.9, 2.2]]
-    quiet = 1e-3 * rng.standard_normal((COUNT, 8 * FS))
-    samples = np.concatenate([playing(0, 8, 1), quiet, playing(1, 8, 2)], axis=1)
+    samples = np.hstack([playing(0, 8, 1), 1e-3 * rng.standard_normal((COUNT, 8 * FS)), playing(1, 8, 2)])
     path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
     measurement, report = import_recording(path, ImportOptions(**GIVEN, split=8.0))
-    assert measurement.take_count == 2
-    assert "skipped" in import_summary(measurement, report) and "8 to 16 s" in report.skipped[0]
-    assert "16 to 24 s" in import_summary(measurement, report)
+    assert measurement.take_count == 2 and "8 to 16 s" in report.skipped[0]
+    assert all(text in import_summary(measurement, report) for text in ("skipped", "16 to 24 s"))
 
 
 @pytest.mark.parametrize(("options", "words"), [
@@ -161,8 +166,7 @@ def test_a_reference_serves_every_take(tmp_path):
     for s in range(2):
         heard = np.array([fftconvolve(np.pad(signal, (0, FS)), h)[: 5 * FS] for h in responses(s)])
         write(tmp_path / f"{s}.wav", noisy(heard, 40, seed=s))
-    files = [tmp_path / "0.wav", tmp_path / "1.wav"]
-    reference = str(tmp_path / "played.wav")
+    files, reference = [tmp_path / "0.wav", tmp_path / "1.wav"], str(tmp_path / "played.wav")
     single = [fdcal.load(one, reference=reference, max_rows=60, **GIVEN) for one in files]
     same(fdcal.load(files, reference=reference, max_rows=120, **GIVEN), fdcal.Measurement.from_takes(single))
 
@@ -174,8 +178,7 @@ def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_pat
     files = [folder / "take0.wav", tmp_path / "faulty.wav"]
     refuses("channel 3 is silent", lambda: import_recording(files, ImportOptions(**GIVEN)))
     measurement, report = import_recording(files, ImportOptions(leave_out="bad", **GIVEN))
-    assert measurement.count == COUNT - 1 and "3" not in measurement.names
-    assert report.left_out == {"3": "silent"}
+    assert measurement.count == COUNT - 1 and "3" not in measurement.names and report.left_out == {"3": "silent"}
 
 
 def test_a_copy_of_a_take_is_no_take(tmp_path):
@@ -265,8 +268,7 @@ def test_each_independent_source_gives_a_row(sources):
     samples = sum(level * playing(s, 30, 20 + s) for s, level in zip(range(sources), (1.0, 0.5), strict=False))
     taken = stationary_pressures(recording_of("room.wav", "stationary", FS, noisy(samples, 40)), (40.0, 380.0), SPEED)
     f, rows = np.unique(taken.frequencies, return_counts=True)
-    assert rows.max() <= sources
-    assert np.mean(rows == sources) > 0.9
+    assert rows.max() <= sources and np.mean(rows == sources) > 0.9
     h = np.exp(-2j * np.pi * f[:, None] * np.arange(2400) / FS)
     fields = np.stack([h @ responses(s).T for s in range(sources)], axis=1)  # (M, S, N)
     errors = []
