@@ -2,17 +2,18 @@
 
 scene             name of a scene that comes with fdcal, or of the one that is shown
 method            name of the solver
-lesson, part      name of a lesson; number of its step, from 1, and perhaps of the answer given, as "2" or "2,1"
+lesson, part      name of a lesson; number of its step, from 1, optionally with that of the answer given: "2" or "2,1"
 step, sweep, stage  the first state of the run with this number; stages count from 1, as on the page
-microphone        whose map is shown, from 0, or "none"
-modes             of the map, as "1-20", or "solver" for those in use
+microphone        number, from 0, of the microphone whose map is shown, or "none"
+modes             modes over which the map is summed, such as "1-20", or "solver" for those that the solver uses
 map               "flat", "relief", "shape", "volume" or "none"
 view              "top", "3d" or "close"; azimuth and elevation, degrees; or a camera: position, target and upward
                   direction, metres, and field of view, radians
 trails            "on" or "off": whether the path of each estimate is drawn
-zoom              factor, and how far the picture is moved to the right and up, metres
+zoom              magnification, and how far the picture is moved to the right and up, metres
 theme             "light" or "dark"
-embed, opening    "on": without curves and table, for a frame in another page; modes are added one after the other
+embed             "on": the page has no curves and no table, so that it fits into a frame of another page
+opening           "on": the page begins with an animation that adds modes to the map
 
 Keys that a page does not use are ignored: only an offline page uses zoom, theme, embed and opening. Its script gets
 ADDRESS as JSON (`fdcal/graphics/replay_page/address.js`).
@@ -27,7 +28,7 @@ from .validation import InputError, shown
 
 Map = Literal["flat", "relief", "shape", "volume", "none"]
 View = Literal["top", "3d", "close"]
-Unit = Literal["step", "sweep", "stage"]  # in which the number of a state is counted
+Unit = Literal["step", "sweep", "stage"]  # what the number of a state counts
 UNITS: tuple[Unit, ...] = get_args(Unit)
 SOLVER = "solver"  # the modes that the solver uses
 NUMBER = r"-?\d{1,9}(\.\d{1,9})?(e[-+]?\d\d?)?"

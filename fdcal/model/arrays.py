@@ -1,4 +1,4 @@
-"""Points in the plane and in space, metres, and the positions of the microphones of a scene, checked.
+"""Geometries of points in the plane and in space, metres, and the checked positions of a scene's microphones.
 
 A simulated microphone records one FDTD cell. Cell i extends from i h to (i + 1) h along an axis, from the origin of the
 room's coordinates, so its centre is (i + 0.5) h, which is the true position of the microphone. In a room of three
@@ -66,7 +66,7 @@ def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.nd
         return rectangle_plus_random(shape, size, array.random, cell, rng, center)
     if array.geometry == "circle":
         points = circle(count, radius)
-    elif array.geometry in ("rectangle", "plane"):  # of a plane in space at height 0
+    elif array.geometry in ("rectangle", "plane"):  # a "plane" in space lies at the height of its centre
         points = np.pad(rectangle(shape, size), ((0, 0), (0, len(center) - 2)))
     elif array.geometry == "ball":
         points = ball(count, radius, rng)
@@ -77,7 +77,7 @@ def geometry(array: Array, rng: np.random.Generator, cell: float = 0.0) -> np.nd
     return points + center
 
 
-CLEARANCE = 1e-6  # metres: microphones closer than this count as one
+CLEARANCE = 1e-6  # metres: microphones closer than this are at the same position
 
 
 def _require_apart(positions: np.ndarray, remedy: str) -> None:
@@ -122,7 +122,7 @@ def hull_meets(points: np.ndarray, others: np.ndarray) -> bool:
 
     `others` may be a single point, or the two ends of a wall.
     """
-    from scipy.optimize import linprog  # takes a second to load, which reading a cached measurement does not need
+    from scipy.optimize import linprog  # takes a second to load, and is not needed to read a cached measurement
 
     points, others = np.asarray(points, float), np.asarray(others, float)
     # The hulls meet if both sets have weights, each with the sum 1, whose weighted means are equal.
@@ -198,7 +198,7 @@ def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
 
 
 WALL_DISTANCE_M = 0.1  # least distance of a source from every wall: half the depth of a small loudspeaker
-DRAWS = 500  # attempts after which a room counts as too small
+DRAWS = 500  # number of random positions after which the room counts as too small
 
 
 def random_source(

@@ -1,7 +1,7 @@
 """Libraries that may be missing, and libraries that may crash, hang, use up the memory or leave files open.
 
-`needs` names the extra of fdcal that installs a library. `call` runs a function in a process of its own, which starts,
-calls the function and ends; this takes 0.15 s and the time of the function's imports.
+If a library is missing, `needs` names the extra of fdcal that installs it. `call` runs a function in a process of its
+own, which ends after the call; starting it takes 0.15 s and the time of the function's imports.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from typing import Any
 
 from .validation import InputError, shown
 
-LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  # distributions of packages
+LIBRARY = {"PIL": "pillow", "mpl_toolkits": "matplotlib", "vtkmodules": "vtk"}  # distributions of these packages
 REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 
 
@@ -62,7 +62,8 @@ def call(
 ) -> Any:
     """Return what a function of a module returns in a process of its own, or raise its InputError or OSError.
 
-    Limits: `seconds` of wall-clock time, `processor_seconds`, and `memory`, bytes of address space.
+    The function is one of a module, because it is pickled. ProcessError if the process crashes or exceeds a limit:
+    `seconds` of wall-clock time, `processor_seconds`, or `memory`, bytes of address space.
     """
     package = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
@@ -93,8 +94,8 @@ def call(
     return result
 
 
-PROCESSOR_SECONDS = 60  # processor time for one call
-SECONDS = 600.0  # of wall-clock time for one call: a disk on a network may be slow
+PROCESSOR_SECONDS = 60  # largest processor time of one call
+SECONDS = 600.0  # largest wall-clock time of one call, long because a disk on a network may be slow
 BYTES = 4_000_000_000  # largest address space of the process
 
 

@@ -257,8 +257,8 @@ class Measurement:
         Returns
         -------
         Measurement
-            Its rows are in the order of the frequencies, then of the takes. It has the noise power, and a spectrum,
-            only if all measurements have it.
+            Its rows are sorted by frequency, then by take. It has noise powers only if all measurements have them, and
+            a spectrum only if all have one.
 
         Raises
         ------
@@ -347,12 +347,12 @@ class Measurement:
         Parameters
         ----------
         take : int
-            Its number, one of `takes`.
+            Number of the take, one of `takes`.
 
         Returns
         -------
         Measurement
-            With the rows of this take only, and the same microphones.
+            A measurement with the rows of this take only and the same microphones.
 
         Raises
         ------
@@ -529,7 +529,7 @@ def _require_usable(measurement: Measurement) -> None:
     noise = measurement.noise_power
     if not len(values) or measurement.count < 2:
         raise InputError(f"pressures have shape {values.shape}", "give two microphones or more", key="pressures")
-    # With other signs a wave runs backwards or grows with time.
+    # With other signs a wave would travel backwards or grow with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
         problem = (
@@ -559,8 +559,8 @@ def _require_usable(measurement: Measurement) -> None:
         return
     if np.any(noise < 0):
         raise refusal("noise_power", float(noise.min()), "is negative", "use 0 for no noise")
-    # The pressures include the noise, so it cannot have more power. The mean power of n values of noise alone has a
-    # gamma distribution of shape n (Wilson-Hilferty approximation).
+    # The pressures include the noise, so that its power cannot be larger than theirs. The mean power of n values
+    # of noise alone has a gamma distribution of shape n (Wilson-Hilferty approximation).
     largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
     power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
     with np.errstate(over="ignore"):  # squared after the division: no unit leaves the range of floats
@@ -615,7 +615,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
-    """Raise InputError for a channel of `pressures` (M, N) that is constant, or equal to another up to a factor."""
+    """Raise InputError for a channel of `pressures` (M, N) that is constant or a multiple of another channel."""
     if len(pressures) < 2:
         return
     for name, column in zip(names, pressures.T, strict=True):
@@ -634,7 +634,7 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
 
 
 def with_different_takes(measurement: Measurement) -> Measurement:
-    """Return the measurement; InputError if two of its takes have the same pressures up to a factor in each row."""
+    """Return the measurement; InputError if each row of a take is a multiple of the same row of another take."""
     unit = measurement.pressures / np.abs(measurement.pressures).max(axis=1)[:, None]  # no square overflows
     unit = unit / np.linalg.norm(unit, axis=1)[:, None]
     rows = [np.flatnonzero(measurement.takes == take) for take in np.unique(measurement.takes)]
@@ -781,7 +781,7 @@ def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") 
     for what, keys in (("a search domain needs", SEARCH), ("short windows need", SHORT)):
         given = [key for key in keys if key in table]
         if 0 < len(given) < len(keys):
-            raise InputError(f"{path} has {', '.join(given)} alone", f"{what} {', '.join(keys)}", key=given[0])
+            raise InputError(f"{path} has only {', '.join(given)}", f"{what} {', '.join(keys)}", key=given[0])
     with naming(path):
         search = windows = None
         if SEARCH[0] in table:

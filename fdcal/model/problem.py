@@ -1,4 +1,4 @@
-"""The part of a measurement that a solver gets, without true positions, and the channels' gains and noise it finds."""
+"""What a solver gets of a measurement, without true positions; and the gains and noise of channels that it returns."""
 
 import functools
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ def mode_power(pressures: Numbers) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ShortWindows:
-    """Spectra of many short Hann windows of a recording, in groups of one take and frequency.
+    """Spectra of many short Hann windows of a recording, in groups of one take and frequency each.
 
     InputError if shapes disagree or a value is not finite.
     """
@@ -85,14 +85,14 @@ class Problem:
     # dimension, array_dimension: of the sound field and of the positions (D), 2 or 3
     dimension: int
     array_dimension: int
-    frame: GaugeFrame | None = None  # the minimal gauge; no microphone is `known` then
-    # (M,) int64, the take of each row; one unless given. Rows of one take share the directions from which the sound
-    # comes
+    frame: GaugeFrame | None = None  # the minimal gauge; if there is one, `known` is empty
+    # (M,) int64, the take of each row; one take unless given. In all rows of a take the sound comes from the same
+    # directions.
     takes: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
-    # (T, N) float64 or None, arrivals of the direct sound, seconds, row t of take t, its origin arbitrary; NaN where
-    # there is none
+    # (T, N) float64 or None, times at which the direct sound arrives, seconds; NaN where none is known. Row t belongs
+    # to take t and has an arbitrary origin.
     arrivals: np.ndarray | None = None
-    # (T,) float64 or None, one sigma of an arrival of each take, seconds; with `arrivals`
+    # (T,) float64 or None, one sigma of an arrival of each take, seconds; None without `arrivals`
     arrival_sigma: np.ndarray | None = None
     windows: ShortWindows | None = None  # short windows of the recordings, beside the long rows
 
@@ -128,12 +128,12 @@ class ChannelCorrection:
 
     @property
     def scale(self) -> np.ndarray:
-        """Factors of rows and corrected pressures with which all channels have equal noise : (N,) float64."""
+        """Factors for rows of W and corrected pressures that make the noise of all channels equal : (N,) float64."""
         return 1 / np.sqrt(self.noise)
 
 
 def equalised(pressures: ArrayLike, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return pressures (M, N) corrected and scaled to equal noise of all channels, and the scale (N,) of rows of W."""
+    """Return pressures (M, N), corrected and scaled so that all channels have equal noise, and the `scale` (N,)."""
     pressures = np.asarray(pressures)
     if channels is None:
         return pressures, np.ones(int(pressures.shape[-1]))

@@ -9,8 +9,8 @@
     solver          which solver, how many modes, order rule
     faults          channels that are inverted or dead, spread of gains and phases
 
-Lengths are metres, frequencies hertz, speeds metres per second. A TOML file holds a scene, simulated or a measurement
-with a title; some come with fdcal.
+Lengths are metres, frequencies hertz, speeds metres per second. A TOML file describes a simulated scene, or names a
+measurement and gives it a title. Some of these files come with fdcal.
 
 A measured room is an impulse response with directions of arrival, given by name or as a file. The response was measured
 at one point; the field between the microphones is modelled, as `fdcal.acoustics.plane_waves` describes.
@@ -44,7 +44,7 @@ MEASURED_AND_MODELLED = (
 
 
 def folder_of(name: str) -> Path:
-    """Return a folder of files that come with fdcal: in the checkout, or inside an installed package."""
+    """Return the folder `name` of files that come with fdcal, in the installed package or else in the checkout."""
     beside = Path(__file__).parents[1] / name
     return beside if beside.is_dir() else Path(__file__).parents[2] / name
 
@@ -72,7 +72,7 @@ class Room:
     admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls, dimensionless
     sound_speed: MetresPerSecond = 343.0  # c
     cell: Metres | None = None  # h, edge of one FDTD cell; 0.02 unless given. A box has none.
-    # name or path of the response of a measured room (see the module), whose field is of three dimensions.
+    # name or path of the response of a measured room (see the module), whose field is three-dimensional.
     # In a scene file, `room = "NAME"` is short for a table with this key alone
     response: str | None = None
 
@@ -150,7 +150,7 @@ class Room:
 
 
 class Band(typing.NamedTuple):
-    """Band of a simulated pulse and the rate that it is sampled with, Hz."""
+    """Band and sampling rate of a simulated pulse, Hz."""
 
     low: float
     high: float
@@ -229,7 +229,7 @@ class Source:
     def band(self) -> Band:
         """Band and sampling rate of the simulated pulse; InputError with three coordinates, which need no pulse."""
         if self.low is None or self.high is None or self.sample_rate is None:
-            raise refusal("source.position", list(self.places[0]), "has three coordinates: no pulse", "give two")
+            raise refusal("source.position", list(self.places[0]), "has three coordinates and no pulse", "give two")
         return Band(self.low, self.high, self.sample_rate)
 
 
@@ -344,7 +344,7 @@ class Scene:
             raise refusal("array.count", self.array.number, "is too large", f"use at most {LIMITS.microphones_3d}")
 
 
-GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
+GEOMETRIES_3D = ("plane", "ball", "box")  # those of a three-dimensional room; "positions" may have either dimension
 
 
 @dataclass(frozen=True)
@@ -423,7 +423,7 @@ class Gauge:
             raise InputError("gauge needs either gauge.known or gauge.free", "give exactly one", key="gauge.known")
 
     def indices(self, count: int) -> tuple[int, ...]:
-        """Return the known microphones of an array of `count`, ascending; InputError for impossible or equal ones."""
+        """Return the known microphones of an array of `count`, ascending; InputError for wrong or repeated numbers."""
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
         wrong = [n for n, times in Counter(given).items() if not 0 <= n < count or times > 1]
         if wrong:

@@ -24,10 +24,11 @@ class Sensing:
     # lowest, highest: band in which modes are picked, Hz
     lowest: Hertz = 20.0
     highest: Hertz = 400.0
-    # height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart
+    # least height of a spectral peak above its surroundings, dB. With 0 no peaks are picked, and all frequencies of the
+    # band in steps of `resolution` are used
     prominence_db: Annotated[float, within(0, LIMITS.largest, "dB")] = 1.0
     resolution: Hertz = 1.0  # smallest distance of two modes, Hz
-    # "discrete": of a wave on the grid of the simulation
+    # "discrete" is the wavenumber of a wave on the grid of the simulation, "continuous" that of the wave equation
     wavenumber: Literal["discrete", "continuous"] = "discrete"
     # relative error of the sound speed given to the solvers, positive if it is too high: 0.01 for 1 %
     sound_speed_error: Annotated[float, within(-LIMITS.sound_speed_error, LIMITS.sound_speed_error)] = 0.0
@@ -53,8 +54,8 @@ class Faults:
 
     inverted: tuple[int, ...] = ()  # microphones of inverted polarity
     dead: tuple[int, ...] = ()  # microphones without signal: independent noise, 60 dB below the others
-    # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the
-    # scene's seed
+    # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels. The seed
+    # of the scene determines the values that are drawn
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0
     phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0
 
@@ -181,18 +182,18 @@ class SolverSettings:
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
         the solver can use (`fdcal.solvers.requirements`).
     mode_order : str
-        In which order "descent" adds modes: "ascending", as the paper does, or "descending", from mode `modes` alone
-        to lower ones.
+        In which order "descent" adds modes: "ascending", as the paper does, or "descending", which begins with mode
+        `modes` alone and adds lower ones.
     order_offset : int
         Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
     ample_modes : int
-        Modes in use from which "descent" adds `order_offset`; with fewer it adds nothing.
+        Number of modes in use from which "descent" adds `order_offset` to the order; with fewer modes it adds 0.
     known_weight : float
         Weight of a known microphone's squared residual in "descent"; 1 is the paper's.
     weights : str
         "unit", each mode scaled to unit RMS, or "raw", the paper's.
     max_sweeps : int
-        Sweeps of one stage at most.
+        Largest number of sweeps in one stage.
     start : str or None
         "affine" or "random"; the default of "descent" is "random". "robust" always uses its own starts; "joint" uses
         the same ones with "affine".
@@ -278,16 +279,16 @@ class SolverSettings:
 # `descent` and random starts need a search domain; other solvers do not.
 MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
 MIN_MARGIN = 0.05  # m
-CELLS = {2: 120, 3: 60}  # steps along the longest side, at most, by the number of coordinates
+CELLS = {2: 120, 3: 60}  # largest number of steps along the longest side, by the number of coordinates
 STEPS = (1.0, 2.0, 5.0)  # m, first digits that a step may have
 
 
 def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:
     """Return the search domain `own`, or one around positions (N, D), metres, if there is none.
 
-    Positions of a blind array are first moved as a whole onto `truth` (N, D), if that is known. The domain `own` may be
-    in other axes, those of the solver that estimated it; it is used only if it contains the centre of the moved
-    positions.
+    Positions of a blind array are first moved as a whole onto `truth` (N, D), if that is known. The domain `own` may
+    have other axes, those of the solver that estimated it; after such a motion it is therefore used only if it contains
+    the centre of the moved positions.
 
     The step is 1, 2 or 5 times a power of ten. R is that of `own`; without one it is the distance from the centre to a
     corner in the plane, and to the outermost position plus the margin in space.

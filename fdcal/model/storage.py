@@ -26,7 +26,7 @@ import numpy as np
 from .validation import LIMITS, InputError, StorageError, naming, shown
 
 SCHEME = 1  # increase it whenever the results of simulation or spectrum change, so that older cache files are ignored
-CACHE_BYTES = 2_000_000_000  # beyond this the least recently used files are deleted
+CACHE_BYTES = 2_000_000_000  # size of the cache above which the least recently used files are deleted
 CHECKSUM = 32  # bytes of BLAKE2 at the end of a cache file
 TEMPORARY = ".fdcal-"  # prefix of the name of an unfinished file
 ABANDONED = 86_400.0  # seconds, age at which an unfinished file is deleted
@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 def write_atomically(path: str | Path, write: Callable[[Path], object], force: bool = False) -> None:
     """Write a file under a temporary name in the same folder and move it to `path` once it is complete.
 
-    `write`: writes the file of the given name; `force`: overwrite an existing file.
+    `write`: function that writes a file of a given path; `force`: whether an existing file is overwritten.
     """
     path = Path(os.path.realpath(path))  # the target of a link is replaced, not the link
     if not force and path.exists():
@@ -66,7 +66,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
 @contextlib.contextmanager
 def damaged(problem: str, remedy: str = "") -> Iterator[None]:
-    """Turn an error of a library for a damaged file into an InputError, and one of the system into a StorageError."""
+    """Turn an error that a library raises for a damaged file into an InputError, a system error into a StorageError."""
     try:
         yield
     except (InputError, StorageError):
@@ -78,7 +78,7 @@ def damaged(problem: str, remedy: str = "") -> Iterator[None]:
 
 
 def cache_key(*parts: Any) -> str:
-    """Return the hash of the values, JSON types, that determine a cached value."""
+    """Return the hash of `parts`, the values of JSON types that determine a cached value."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
 
 
@@ -94,7 +94,8 @@ def cache_folder() -> Path:
 def load_or_make(name: str, make: Callable[..., Any], read: Callable[..., Any], write: Callable[..., Any]):
     """Return the value of the cache file `name`, or that of `make()`, which is then stored.
 
-    A cache that cannot be read or written never stops a run: it only logs a warning.
+    `read(file)` and `write(file, value)` use an open file. If the cache cannot be read or written, a warning is logged,
+    and the run continues.
     """
     value = load_cached(name, read)
     if value is not None:
@@ -158,7 +159,7 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
 
 
-MAX_DOTS = 500  # of a key; the time of the parser grows with the square of the number of its parts
+MAX_DOTS = 500  # largest number of dots in a key; the time of the parser grows with the square of their number
 
 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
@@ -196,8 +197,8 @@ def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: objec
 def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file, a path or an open file, for whose names `wanted` is true; unpickle nothing.
 
-    `called`: name of an open file in messages. InputError for a damaged file, or for arrays larger than
-    `LIMITS.unfolded`; StorageError for one that cannot be read.
+    `called`: name of an open file in messages. InputError for a damaged file, or for compressed arrays larger than
+    `LIMITS.unfolded` bytes; StorageError for a file that cannot be read.
     """
     where, table, key = called or path, dict[str, Any](), ""
     try:

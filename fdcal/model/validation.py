@@ -1,4 +1,4 @@
-"""Checks of input from outside: the two errors that a user can meet, limits, declared types, values as texts.
+"""Checks of external input: the two kinds of error that a user can meet, limits, declared types, values as text.
 
 Every message names the key, its value and the remedy, in one line. A value beyond the limits counts as a mistake.
 A declaration is a type (`fdcal.model.quantities`): `Annotated[float, within(0, 1, "m")]` has a range and a unit.
@@ -48,19 +48,19 @@ class Limits:
     # largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
     phase: float = 100.0
     phase_per_microphone: float = 2.0  # radians; the limit is this times the number of microphones, if larger
-    dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
-    seconds: float = 90.0  # processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
+    dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c; the smallest ratio is its inverse
+    seconds: float = 90.0  # processor time of a calibration of up to `usual_pairs`; with more it grows in proportion
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates: int = 500_000  # candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate: float = 1e9  # largest coordinate, metres
     takes: int = 100  # positions of the source in a scene
-    decibels: float = 300.0  # largest signal-to-noise ratio, and its negative the smallest, dB
+    decibels: float = 300.0  # dB, largest signal-to-noise ratio; the smallest one is its negative
     sound_speed_error: float = 0.5  # largest relative error of the sound speed, dimensionless
     # weakest, strongest: pressures whose squares can be summed without leaving the range of float64, any unit
     weakest: float = 1e-100
     strongest: float = 1e100
-    digits: int = 10**30  # messages do not show whole numbers from this one on
-    text: int = 1_000_000  # bytes of a file of text, as a scene
+    digits: int = 10**30  # messages do not show integers of this size or larger
+    text: int = 1_000_000  # bytes of a text file such as a scene
     result: int = 50_000_000  # bytes of a result file
     unfolded: int = 400_000_000  # bytes of a compressed file after decompression
 
@@ -141,7 +141,7 @@ class StorageError(OSError):
 
 
 def require_arguments(function: str, given: Iterable[str], known: Iterable[str]) -> None:
-    """Raise TypeError, with a similar name, for the first argument that a function does not have."""
+    """Raise TypeError for the first argument that a function does not have; the message suggests a similar name."""
     known = set(known)
     for name in sorted(set(given) - known):
         near = difflib.get_close_matches(name, known, 1)
@@ -150,9 +150,9 @@ def require_arguments(function: str, given: Iterable[str], known: Iterable[str])
 
 
 def shown(value: object, max_length: int = 60, quoted: bool = False) -> str:
-    """Return a value for a message, on one line of at most `max_length` characters: a text, or the repr of another.
+    """Return a value for a message, on one line of at most `max_length` characters.
 
-    `quoted`: whether a text is in quotes.
+    A text is shown as it is, or in quotes if `quoted` is set; any other value is shown as its repr.
     """
     try:
         if isinstance(value, (dict, list, tuple)):
@@ -259,7 +259,7 @@ WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or
 
 
 def within(low: float | None = None, high: float | None = None, unit: str = "", **option: Any) -> msgspec.Meta:
-    """Return the range and the unit of a number, for `Annotated`; `option`: as of `fdcal.commands.options`."""
+    """Return the range and the unit of a number, for `Annotated`; `option`: what `fdcal.commands.options` reads."""
     return msgspec.Meta(ge=low, le=high, extra={"unit": unit, **option})
 
 
@@ -269,7 +269,7 @@ def convert(value: object, kind: Any, key: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        for index in re.findall(r"\[(\d+)\]", str(error).rpartition(" - at ")[2]):  # of an entry of a list
+        for index in re.findall(r"\[(\d+)\]", str(error).rpartition(" - at ")[2]):  # path to an entry of a list
             value, kind = typing.cast(Any, value)[int(index)], typing.get_args(_bare(kind)[0])[0]
         raise refused(key, value, kind) from error
 
@@ -341,9 +341,9 @@ def _is_plain(kind: Any) -> bool:
 
 
 def check(record: Any, prefix: str = "", names: Mapping[str, str] = MappingProxyType({})) -> None:
-    """Raise InputError unless every field of a dataclass with texts or numbers is as declared.
+    """Raise InputError unless every field of a dataclass that holds texts or numbers has its declared type and range.
 
-    `prefix`, such as "solver.", stands before a key in messages; `names`: other names of keys in messages.
+    In messages `prefix`, such as "solver.", stands before a key, and `names` maps fields to other names.
     """
     for field in dataclasses.fields(record):
         kind = _hints(type(record))[field.name]
@@ -388,14 +388,14 @@ def _built(kind: Any, value: Any, key: str, whole: str) -> Any:
 
 Reals: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Complexes: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
-# as wavenumbers, which are complex where waves are damped
+# for example wavenumbers, which are complex where waves are damped
 Numbers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64 | np.complex128]]
 Integers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 Bools: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 def length_text(length: float, digits: int = 3) -> str:
-    """Return a length in metres as a text, with `digits` below a decimetre: "4.13 mm", "535 mm", "1.16 m"."""
+    """Return a length in metres as text, with `digits` digits below a decimetre: "4.13 mm", "535 mm", "1.16 m"."""
     return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"
 
 
@@ -406,7 +406,7 @@ def mm_text(length: float, digits: int = 3) -> str:
     return f"{1e3 * length:.{digits}g}" if length < 0.0995 else f"{1e3 * length:.0f}"
 
 
-LONGEST = 200  # characters of a text that are read
+LONGEST = 200  # number of characters of a text that `parse_modes` reads
 
 
 def parse_modes(text: str, count: int) -> tuple[int, ...]:
