@@ -141,7 +141,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("undersampled", "Eq. 9", lambda e: replace(with_frequencies(e, 10.0), interpolates=True)),
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
     ("known_position", "known microphone 0 and 5", lambda e: with_given_moved(e, 2)),
-    ("known_position", "would disagree so in 1 of 1000", lambda e: with_agreement(e, 1e-3)),
+    ("known_position", "such a disagreement in 1 of 1000", lambda e: with_agreement(e, 1e-3)),
     ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(with_share(e, 0.01), 0.003)),
     ("model_mismatch", "free of noise", lambda e: with_given_noise(with_share(e, 0.01), 0.0)),
     ("sound_speed", "would be 403 m/s, not 343 m/s", lambda e: replace(e, log_speed=0.16)),
