@@ -40,7 +40,7 @@ class TakeSources:
 
 @dataclass(frozen=True)
 class ArrivalTerms:
-    """The term at some positions."""
+    """The term of the arrivals at some positions."""
 
     cost: float  # nats
     # (T, F) float64, derivatives of each take's cost by the N D coordinates, the N delays if they are unknown, and the
@@ -62,7 +62,7 @@ MIN_DECREASE = 1e-9  # nats; the fit ends when the next step promises less
 DAMPING = 1e-3
 MIN_DAMPING = 1e-9
 NEAREST = 0.1  # metres, least distance of a source from the middle of the array
-MIN_CURVATURE = 0.1  # least curvature of a residual's cost over its weight; that of an outlier would be negative
+MIN_CURVATURE = 0.1  # least ratio of the curvature of a residual's cost to its weight; an outlier's would be negative
 STARTS = (0.0, 0.6)  # inverse distances from which the fit begins, times the radius of the array
 
 
@@ -335,8 +335,8 @@ def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarra
     """Return the sigma (T,), metres, of the arrivals, by empirical Bayes (MacKay).
 
     It is the sum of the squared residuals over the number of residuals that the positions are not free to fit; the
-    stated sigma counts as `PRIOR_COUNT` of them. Outliers are left out, because the scale of a Student t distribution
-    breaks down where a fraction 1 / (1 + NU) of the values are outliers.
+    stated sigma counts as `PRIOR_COUNT` of them. Outliers are left out, because the estimated scale of a Student t
+    distribution is wrong without limit if a fraction 1 / (1 + NU) of the values are outliers.
 
     covariance : (F, F) float64, of the unknowns that the arrivals depend on
     """

@@ -114,7 +114,8 @@ def _released(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-# probability of the disagreement by chance above which the given positions are not examined further, to save time
+# If the given positions would disagree by chance as much as they do with more than this probability, they are not
+# examined further, to save time.
 AGREE = 0.2
 
 
@@ -138,8 +139,9 @@ def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
     return bool(np.array_equal(a.contradicted, b.contradicted) and np.array_equal(a.places, b.places))
 
 
-# distance from the array, over the median distance or sigma, beyond which a given position does not count when the
-# array is moved onto the given positions; without this rule 1 of 32 arrays with wrong given positions is not found
+# A given position is not used to move the array onto the given positions if its distance from the array exceeds this
+# times the median distance, or sigma if that is larger. Without this rule 1 of 32 arrays with wrong given positions is
+# not found.
 GIVEN_OUTLIER = 3.0
 
 
@@ -172,8 +174,8 @@ class FreeArray:
 def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
     """Return the minimum without given positions near `state`, after `steps` steps at most.
 
-    With 0 steps it is the minimum of the quadratic at `state`. Its `terms` with the field of the state and with the
-    weakened one are computed unless given. Raises numpy.linalg.LinAlgError where a covariance is singular.
+    With 0 steps it is the minimum of the quadratic at `state`. `terms` are those of the likelihood at `state`, with its
+    field and with the weakened one; they are computed unless given. LinAlgError where a covariance is singular.
     """
     objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
     objective = replace(objective, priors=objective.priors.without_given())

@@ -1,11 +1,14 @@
-"""What a stage minimises: the likelihood of the modes in use, and the priors of gains, given positions and sound speed.
+"""What a stage minimises, and one step towards the minimum.
 
-One vector holds the unknowns: the P parameters of every microphone (its coordinates and, where gains are free, log
-gain, phase, and with filters delay and corner), then the logarithm of the sound speed over the one that the wavenumbers
-assume. The likelihood depends on wavenumber times length only, so that a higher sound speed is equivalent to a smaller
-array:
+The objective is the negative log likelihood of the modes in use plus the priors of gains, given positions and sound
+speed, and the terms of arrivals and short windows if there are any. One vector holds the unknowns: the P parameters of
+every microphone (its coordinates and, where gains are free, log gain and phase, and with filters delay d_n and corner
+kappa_n), then the logarithm of the ratio of the sound speed to the one that the wavenumbers assume. The likelihood
+depends only on the product of wavenumber and length, so that a higher sound speed is equivalent to a smaller array:
 
-    d cost / d log c = -sum_n (x_n - x_0) . d cost / d x_n - d_n d cost / d d_n + kappa_n d cost / d kappa_n
+    d cost / d log c = sum_n [-(x_n - x_0) . d cost / d x_n - d_n d cost / d d_n + kappa_n d cost / d kappa_n]
+
+x_0 is the mean position.
 
 Gains and given positions have Student t priors of NU degrees of freedom,
 
@@ -16,7 +19,7 @@ In the Gauss-Newton matrix such a prior has the weight w = (NU + d) / (NU sigma^
 given exactly have no prior: their coordinates are not free (`Objective.free`).
 
 The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic
-approximation how far the minimum is:
+approximation how far away the minimum is:
 
     H d = -g,   sigma_i^2 = (H^-1)_ii
 
@@ -95,7 +98,8 @@ class Priors:
     known: Integers  # (A,) int64, microphones whose position is given
     places: np.ndarray  # (A, D) float64, metres, their given positions
     known_sigma: float  # metres, one sigma of each given coordinate; 0 where the positions are exact
-    # (N, 2) float64, nepers and radians, mean of the gains; 0 unless a channel has a gross fault, as an inverted one
+    # (N, 2) float64, nepers and radians, mean of the gains; 0 unless a channel has a gross fault, such as
+    # inverted polarity
     offsets: Reals
     speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 where the speed is fixed
     known_tail: float = NU  # degrees of freedom of the prior of the given positions; with many it is Gaussian
@@ -185,7 +189,7 @@ class Objective:
         return Evaluation(cost, gradient, matrix, terms, source)
 
     def likelihood(self, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood alone by all unknowns."""
+        """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood alone with respect to all unknowns."""
         free = replace(self, arrivals=None, windows=None, priors=self.priors.without_given())
         gradient, matrix = _with_speed(unknowns, free.evaluate(unknowns).terms)
         return gradient / self.tempering, matrix / self.tempering
@@ -229,10 +233,10 @@ class Objective:
 
 
 def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradient (F,) and matrix (F, F) of the likelihood by all unknowns."""
+    """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood with respect to all unknowns."""
     gradient, curvature = terms.newton()
     x, (N, D) = unknowns.positions, unknowns.positions.shape
-    moves = np.zeros((N, D + unknowns.gains * unknowns.channels.shape[1]))  # with the effect of a higher sound speed
+    moves = np.zeros((N, D + unknowns.gains * unknowns.channels.shape[1]))  # equivalent to a rise of log c
     moves[:, :D] = x.mean(axis=0) - x
     if unknowns.delays is not None:
         moves[:, D + 2], moves[:, D + 3] = -unknowns.channels[:, 2], unknowns.channels[:, 3]
@@ -293,7 +297,8 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
-# nepers and radians, prior sigma of gains and phases at the start; with 0.05 an array with 4.5 mm of error is not found
+# nepers and radians, prior sigma of gains and phases at the start; with 0.05 one array is not found, whose error is 4.5
+# mm with 0.02
 GAIN_SIGMA = 0.02
 PHASE_SIGMA = 0.02
 
@@ -320,8 +325,8 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
 
 
 # Where only given positions fix the scale: one sigma of each of their coordinates, metres, and the degrees of freedom
-# of their prior, which is then nearly Gaussian. With 3 mm errors grow from 1.0 to 2.3 mm; with 3 degrees of freedom the
-# error of 1 of 6 plane arrays in space grows from 7 to 70 mm.
+# of their prior, which is then nearly Gaussian. With a sigma of 3 mm the errors grow from 1.0 to 2.3 mm; with 3 degrees
+# of freedom the error of 1 of 6 plane arrays in space grows from 7 to 70 mm.
 CARRYING_SIGMA = 1e-3
 CARRYING_TAIL = 1e6
 
@@ -480,8 +485,8 @@ def channel_step(
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, priors: Priors) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient (F,) and the Gauss-Newton matrix (F, F) of the free unknowns.
 
-    Directions that change no likelihood get an artificial stiffness: the rigid motions of an array without given
-    positions, and a gain, phase or delay that all channels share.
+    Directions along which the likelihood does not change get an artificial stiffness: the rigid motions of an array
+    without given positions, and a gain, phase or delay that all channels share.
     """
     x = unknowns.positions
     N, D = x.shape
@@ -512,7 +517,7 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """An objective to second order about some unknowns, where every microphone moves independently."""
+    """The quadratic approximation of an objective about some unknowns; every microphone moves independently."""
 
     unknowns: Unknowns
     free: np.ndarray  # (F,) int64, indices of the free unknowns, coordinates first

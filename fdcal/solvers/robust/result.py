@@ -8,8 +8,8 @@ without given positions is hardly likelier. The test statistic is
 Under the model 2 S has a chi-square distribution, with one degree of freedom for each given coordinate beyond those
 that place the array as a whole. A wrong given position, a wrong sound speed and an array that was not found all make S
 large. So does a field that is less random than its model. Where the claimed covariance is e times that of the
-likelihood, S = a + b (prior a, cost b) is therefore replaced by (a + b)^2 / (a + e b), which is exact for a quadratic
-of one coordinate.
+likelihood, S = a + b (a of the prior, b of the cost) is therefore replaced by (a + b)^2 / (a + e b), which is exact for
+a quadratic of one coordinate.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ from .schedule import begin, refined
 from .spread import Claim, claim_of
 from .state import DIRECTION_UPDATES, FINAL, FREE_STEPS, GIVEN_SIGMA, STAGES, State
 
-FIELD_ROUNDS = 3  # rounds in which `estimate_at` learns the field; the second one finds a faulty channel
+FIELD_ROUNDS = 3  # rounds in which `estimate_at` estimates the field; the second one finds a faulty channel
 
 
 def result(problem: Problem, state: State) -> Estimate:
@@ -140,7 +140,7 @@ MARGIN = 1.5  # factor on the linear estimate of S in this decision
 def _agreement(
     constrained: objectives.Objective, here: objectives.Unknowns, at_objective: Terms, excess: float
 ) -> float:
-    """Return the probability of the disagreement by chance.
+    """Return the probability that given positions and pressures disagree by chance as much as they do.
 
     Minimisations are costly and done only where the linear estimate of this probability is low. `excess` is e of the
     module.

@@ -10,7 +10,7 @@ field. A combination of positions that then becomes uncertain was determined by 
 Without given positions the covariance excludes the rigid motions of the array, or belongs to the array moved into its
 frame.
 
-A room is not the random field of the model, so that its blocks disagree by more, or less, than H says. The sandwich
+A room is not the random field of the model, so that its blocks differ by more, or less, than H predicts. The sandwich
 estimator measures this (Huber 1967, White 1980), with the leverage of each block corrected as if the block were left
 out (MacKinnon and White 1985):
 
@@ -19,7 +19,8 @@ out (MacKinnon and White 1985):
 The traces are over the coordinates of healthy microphones. Where the model holds, J equals Q on average: the part of P
 that is due to errors of the data. The other part of P is due to the priors, and the blocks hold no information on it.
 
-Where short windows count (`windows`) the likelihood is tempered, and H takes the field as it is.
+Where short windows are used (`windows`), the likelihood is tempered, and H is computed with the power of the field as
+it is.
 """
 
 from collections.abc import Iterator
@@ -134,9 +135,10 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
 
 
 def _gauge(problem: Problem, positions: Reals, counted: Bools) -> np.ndarray:
-    """Return the projection (N D, N D) that removes rigid motions, of the frame or else of the healthy microphones.
+    """Return the projection (N D, N D) that removes rigid motions, those of the frame or else of healthy microphones.
 
-    counted : (N D,) bool, coordinates of these. A dead channel has no position, and would move the array as a whole.
+    counted : (N D,) bool, coordinates of the healthy microphones. The position found for a dead channel is arbitrary
+    and would move the array as a whole.
     """
     size = positions.size
     if len(problem.known):

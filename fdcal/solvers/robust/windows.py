@@ -1,14 +1,14 @@
 """Positions from short windows (`fdcal.cost.short_windows`), as a term of what the last stage minimises.
 
 The windows are fitted alone, from low to high frequencies, from two starts: one by coherence, and the array that the
-long rows have found. Waves are added to the field of each take one after the other, the direct sound and then early
-reflections, while each decreases the cost clearly. Near the optimum x_s the fit is approximated by a quadratic that
-moves and turns with the array:
+long rows, the spectra of whole recordings, have determined. Waves are added to the field of each take one after the
+other, the direct sound and then early reflections, as long as each clearly decreases the cost. Near the optimum x_s
+the fit is approximated by a quadratic that moves and turns with the array:
 
     S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = COVARIANCE_INFLATION lambda F^-1
     F       Fisher information on the positions, with all other parameters eliminated
-    lambda  s^T F^-1 s / P, mean square of the scores s of the groups over their information; above 1 because the
-            windows of one room are not independent
+    lambda  dispersion sum_g s_g^T F^-1 s_g / P of the P parameters, with the score s_g of group g minus the mean score;
+            it exceeds 1 because the windows of one room are not independent
 
 The likelihood of the long rows is divided by the ratio of the covariance that the result states (`result`) to the
 inverse of its curvature, so that its weight agrees with the claimed covariance.
@@ -35,9 +35,9 @@ from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from ..starts import coherence_start
 
 MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
-# largest diameter of the array, over the path of sound in one window. In a larger array a reflection falls into
-# different windows at the two ends, which the covariance neglects: one of 3 m in windows of 30 ms ends 49 instead of
-# 8 mm off. Arrays of 1.6 m end 5 to 30 mm off, without windows 15 to 118 mm.
+# largest ratio of the diameter of the array to the path of sound during one window. In a larger array a reflection
+# falls into different windows at the two ends, which the covariance neglects: with windows of 30 ms the error of an
+# array of 3 m is 49 instead of 8 mm. The errors of arrays of 1.6 m are 5 to 30 mm, and without windows 15 to 118 mm.
 MAX_DIAMETER = 0.2
 # covariance of the result over that of the fit. The spectrum has few parameters, and all windows share its misfit:
 # without this factor the errors of simulated and measured arrays are 2.2 times the claimed sigma, at the median
@@ -46,10 +46,10 @@ COVARIANCE_INFLATION = 4.0
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
-MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
-STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # number of steps of a stage at most
-# nats; a stage ends when the cost falls by less. With 0.2 instead of 0.05 one circle of 8 microphones is not found to
-# be flat, and ends 10 instead of 5 mm off.
+MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
+STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
+# nats; a stage ends when the cost falls by less. With 0.2 instead of 0.05 one circle of 8 microphones is not
+# recognised as flat, and its error is 10 instead of 5 mm.
 DECREASE, LAST_DECREASE = 10.0, 0.05
 # nats over the dispersion by which one more wave must decrease the cost. Only every second frequency is used for this,
 # to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
@@ -62,7 +62,7 @@ ROUNDS = 2  # iterations of the dispersion lambda
 # microphone to its mirror image raises the cost by 35 to 70; in other balls by 210 or more
 MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
-APART = np.pi / 2  # least distance of another place, times LOW_BAND: a quarter of a wavelength
+APART = np.pi / 2  # least distance of two places of a microphone, times LOW_BAND: a quarter of a wavelength
 MAX_EXAMINED = 4  # number of microphones whose other place is tried, to save time
 # standard deviation of the angular frequency over the power spectrum of a Hann window, times the length of the window
 BANDWIDTH = np.pi * np.sqrt(4 / 3)
@@ -100,7 +100,7 @@ class WindowTerm:
         return here + away @ gradient[D * n : D * n + 2] + np.sum(away @ own * away, axis=-1) / 2
 
     def disagreement(self, positions: Reals, covariance: Reals) -> float:
-        """Return the factor by which the covariances of this term and another estimate must grow, at least 1.
+        """Return the factor, at least 1, by which the covariances of this term and another estimate must grow to agree.
 
         It is the reduced chi-square of their difference (Birge 1932). The other estimate has `positions` (N, D),
         metres, and `covariance` (N D, N D), metres^2.
@@ -115,13 +115,13 @@ class WindowTerm:
 
 
 def _turn(before: Reals, after: Reals) -> np.ndarray:
-    """The rotation or reflection R (D, D) for which after - mean = (before - mean) R."""
+    """Return the rotation or reflection R (D, D) for which after - mean = (before - mean) R."""
     U, _, V = np.linalg.svd((before - before.mean(axis=0)).T @ (after - after.mean(axis=0)))
     return U @ V
 
 
 def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
-    """Return whether there are windows of a field in space, and of enough microphones in an array small enough."""
+    """Return whether there are windows of a field in space, enough `counted` microphones, and a small enough array."""
     if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
         return False
     x = positions[counted]
@@ -132,8 +132,8 @@ def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
 def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
     """Return the term of the windows of a problem; None if they do not determine the array.
 
-    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, otherwise 0,
-    since the fit estimates small phases and levels; counted : (N,) bool, channels in use
+    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, and 0 for the
+    others, because the fit estimates small phases and levels itself; counted : (N,) bool, channels in use
     """
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
@@ -144,7 +144,7 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
     x = np.array(positions)
     try:
         likelihood, field, axes = fitted(likelihood, starts)
-        # Arrival times and given positions say which of two places is right.
+        # Where there are arrival times or a given position, these decide between two places.
         sought = np.isin(np.flatnonzero(counted), problem.known, invert=True) & (problem.arrivals is None)
         field, other = with_rival(likelihood, field, axes, sought)
         covariance, found = covariance_of(likelihood, field, axes), field.positions[:, axes]
@@ -185,7 +185,7 @@ def likelihood_of(windows: ShortWindows, sound_speed: float, phases: Reals) -> S
 
 
 def _coherent(likelihood: ShortLikelihood, axes: int) -> np.ndarray | None:
-    """Positions (N, axes), metres, from the coherence of the windows; None if it does not determine them."""
+    """Return positions (N, axes), metres, from the coherence of the windows; None if it does not determine them."""
     count = likelihood.pressures.shape[1]
     p, k = likelihood.pressures.reshape(-1, likelihood.pressures.shape[2]), np.repeat(likelihood.wavenumbers, count)
     kept = np.any(p, axis=1) & (k <= START_BAND)
