@@ -81,7 +81,7 @@ def test_transform_is_the_sum_it_says():
 @pytest.mark.parametrize(("call", "words"), [
     (lambda _: spectrum.window_rate(np.zeros((2, 100)), FS), "silent"),
     (lambda _: spectrum.window_rate(np.full((2, 100), np.nan), FS), "finite"),
-    (lambda _: picked_modes(np.exp(-500 * TIME)[None], FS, 50, 300, 1.0, 1.4), "no mode stands out"),
+    (lambda _: picked_modes(np.exp(-500 * TIME)[None], FS, 50, 300, 1.0, 1.4), "no resonance stands out"),
     (lambda _: picked_modes(np.sin(TIME)[None], FS, 50, 300, 1.0, 1.0), r"resolution = 1 Hz; use at least 2\.72 s"),
     (lambda scene: measure(replace(scene, source=replace(scene.source, duration=0.3))), r"0\.3 s is too short"),
     (lambda _: spectrum.wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0), r"measurement\.highest"),

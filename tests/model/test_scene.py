@@ -75,7 +75,7 @@ RANGES = [  # of one key each
         ({"room.size": None, "room.outline": CORNER}, ["microphone 6 at (0.5, 0.74) m", "in a wall"]),
         ({"source.position": "[2.0, 1.1]"}, ["source.position = [2.0, 1.1] m", "outside the room", "move it"]),
         ({"source.position": "[0.75, 0.6]"}, ["source.position", "inside the array", "convex hull"]),
-        ({"gauge.known": "[0, 5]"}, ["gauge.known = [0, 5]", "three microphones"]),
+        ({"gauge.known": "[0, 5]"}, ["gauge.known = [0, 5]", "three known microphones"]),
         ({"gauge.known": "[0, 1, 2]"}, ["gauge.known = [0, 1, 2]", "not on one line"]),
         ({"gauge.known": "[0, 5, 16]"}, ["gauge.known names microphone 16", "0 to 15"]),
         ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
@@ -127,7 +127,7 @@ def boxed(tmp_path):
     ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
     ({'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""}, ['array.geometry = "circle"', '"ball", "box"']),
     ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
-    ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four microphones", "not in one plane"]),
+    ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four known microphones", "not in one plane"]),
     ({"resolution = 8.1": "resolution = 2.0"}, ["measurement.resolution = 2 Hz", "0.125 s", "use at least 8.1 Hz"]),
     ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
 ])  # fmt: skip
