@@ -182,7 +182,7 @@ def _residual_to_noise(estimate: Estimate, healthy: np.ndarray) -> float:
 
 
 def _rival(estimate: Estimate, sigma: float, healthy: np.ndarray) -> np.ndarray:
-    """Return the distance of each microphone from its place in another optimum as likely : (N,), metres; 0 without."""
+    """Return the distance of each microphone from its place in a rival optimum : (N,), metres; 0 without a rival."""
     tried, same = estimate.tried, max(3 * sigma, RIVAL_DISTANCE)
     for one in tried[1:]:
         away = np.linalg.norm(align(one.positions, tried[0].positions, healthy) - tried[0].positions, axis=1)
@@ -192,7 +192,7 @@ def _rival(estimate: Estimate, sigma: float, healthy: np.ndarray) -> np.ndarray:
 
 
 def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float]:
-    """Return the agreement with the given positions that are not `wrong`, and `loosest`, metres, as of `Judged`."""
+    """Return `agreement` and `loosest` of `Judged` for the given positions that are not `wrong`."""
     problem, given = estimate.problem, estimate.given
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:

@@ -170,7 +170,7 @@ def _disagreement(seen: Judged) -> str:
 def _impossible_speed(seen: Judged) -> str:
     given, c = "position of a microphone" if seen.scale is None else "distance", seen.estimate.problem.sound_speed
     return (
-        f"with the {given} given the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
+        f"from the given {given} the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
         " the sound speed is wrong, or the array was not found"
     )
 
@@ -289,7 +289,7 @@ FINDINGS: tuple[Finding, ...] = (
             and seen.noise_fraction > limit * given + ROOM_RESIDUAL,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",
-            "", 2.0, "noise found, less 0.001 of the power that a healthy room may leave, over the noise given"),
+            "", 2.0, "noise found, minus 0.001 of the power, which a healthy room may leave, over the given noise"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows and seen.given_noise == 0
             and seen.noise_fraction > limit,
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"

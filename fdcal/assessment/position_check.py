@@ -378,19 +378,19 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
 class ListRules:
     """Limits beyond which a row of a list, or its size, counts as wrong.
 
-    Figures are from twelve right lists with 2 mm of error in each coordinate (`python -m benchmarks doctor`).
+    Figures are from twelve correct lists with 2 mm of error in each coordinate (`python -m benchmarks doctor`).
     """
 
     # relative difference of the sizes, and the same in sigmas; both must be exceeded. Without a thermometer the sound
-    # speed is known to 2 %; right lists differ by 3.0 % at most
+    # speed is known to 2 %; correct lists differ by 3.0 % at most
     scale: float = 0.033
     scale_sigmas: float = 2.5
     # error of a row in metres, in sigmas of the position found, and in medians over the rows; all must be exceeded.
-    # Rows of right lists reach 29 mm, 2.7 sigmas (for errors above 5 mm), and 3.7 medians
+    # Rows of correct lists reach 29 mm, 2.7 sigmas (for errors above 5 mm), and 3.7 medians
     misplaced: float = 0.015
     misplaced_sigmas: float = 5.0
     misplaced_medians: float = 4.0
-    # RMS error of the list in metres, and in sigmas of the positions found; both must be exceeded. Right lists reach
+    # RMS error of the list in metres, and in sigmas of the positions found; both must be exceeded. Correct lists reach
     # 9.7 mm, and 1.8 sigmas (for errors above 5 mm); a tape with 5 mm of error in each coordinate gives 8.7 mm
     rms: float = 0.015
     rms_sigmas: float = 2.5

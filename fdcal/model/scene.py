@@ -318,7 +318,7 @@ class Scene:
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:
-                raise InputError("source has no meaning in a measured room with its own", "remove it", key="source")
+                raise InputError("source has no meaning: a measured room had its own", "remove it", key="source")
         elif len(self.emitter.places[0]) != D:
             key, position = self.emitter.keys[0], self.emitter.places[0]
             raise refusal(key, list(position), f"is not in a room of {D} lengths", f"give {D} coordinates")

@@ -1,7 +1,8 @@
-"""Files: safe reading of files from anyone, writing without leaving an incomplete file or folder, and the disk cache.
+"""Files: safe reading of untrusted files, writing without leaving an incomplete file or folder, and the disk cache.
 
 The cache is a folder of .npy and .npz files. The name of each is a hash of all values that determine its content, and
-its end is a checksum. FDCAL_CACHE sets the folder. It may be deleted at any time; a damaged file is made again.
+a checksum follows the content. FDCAL_CACHE sets the folder. It may be deleted at any time; a damaged file is made
+again.
 `fdcal.acoustics.measure` stores recordings and measurements in it.
 """
 

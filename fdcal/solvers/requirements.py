@@ -152,8 +152,8 @@ def _check_line(problem: Problem, modes: int) -> None:
     if polynomial and values[-1] < LINE_FLATNESS * values[0]:
         where = "on a line" if D == 2 else "on a plane"
         raise InputError(
-            f"the pressures vary in {D - 1} independent direction{'s' * (D > 2)} alone: the microphones seem to stand"
-            f" {where}, or the sound came from few directions",
+            f"the pressures vary in {D - 1} independent direction{'s' if D > 2 else ''} only: the microphones seem to"
+            f" stand {where}, or the sound came from few directions",
             f"record another take with the source elsewhere, {'set <array_dimension> 2, ' if D == 3 else ''}spread them"
             f" out, or name {D + 1} known ones that are not {where}",
             key="positions",

@@ -144,7 +144,7 @@ class Arrivals:
         return self.used * (paths - source.emission[:, None] - g), g, s
 
     def _jacobian(self, z: Reals, source: TakeSources, g: Reals, s: Reals) -> np.ndarray:
-        """Return the derivatives (T, N, K) of the residuals of all microphones by the tangents of u, by q and by b."""
+        """Return the derivatives (T, N, K) of all residuals with respect to the tangents of u, to q and to b."""
         J = np.empty((*s.shape, z.shape[1] + 1))
         np.divide(z @ _tangents(source.direction), s[..., None], out=J[..., :-2])
         np.divide(g**2 - (z**2).sum(axis=1), 2 * s, out=J[..., -2])

@@ -1,7 +1,7 @@
 """Tests whether given positions contradict the pressures; wrong ones are then ignored and exchanged ones corrected.
 
-Where given positions and pressures agree nothing changes. Otherwise the array is found without given positions, several
-hypotheses on them are compared, and the next steps use the positions that the likeliest one takes as right.
+Where given positions and pressures agree, nothing changes. Otherwise the array is found without given positions,
+several hypotheses on them are compared, and the next steps use the positions that the likeliest one takes as right.
 
     b = x + G t + d + e,   d ~ N(0, P),   e ~ N(0, s^2 I)
 

@@ -297,8 +297,8 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
-# nepers and radians, prior sigma of gains and phases at the start; with 0.05 one array is not found, whose error is 4.5
-# mm with 0.02
+# nepers and radians, prior sigma of gains and phases at the start; with 0.05 one array, whose error with 0.02 is
+# 4.5 mm, is not found
 GAIN_SIGMA = 0.02
 PHASE_SIGMA = 0.02
 

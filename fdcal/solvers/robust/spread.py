@@ -123,7 +123,7 @@ def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> flo
 
 
 def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield gradient and Gauss-Newton matrix of the arrivals of each take, by all unknowns."""
+    """Yield gradient and Gauss-Newton matrix of each take's arrivals with respect to all unknowns."""
     if objective.arrivals is None:
         return
     index = objectives.arrival_index(here)
