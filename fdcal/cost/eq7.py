@@ -220,7 +220,7 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
     carried = carried_modes(problem, order_offset).modes + 1
     if lacking := sorted(set(modes) - set(carried.tolist())):
         fault = _not_carried(problem, lacking[0], order_offset)
-        raise InputError(fault, f"use a lower order or lower {fault.split()[0]}s", key="order_offset")
+        raise InputError(fault, "use a lower order or lower frequencies", key="order_offset")
 
 
 def require_plane_field(problem: Problem) -> None:
