@@ -322,7 +322,7 @@ def comparison_sentences(
     """Return a comparison in words: the faults of the list, then the error of every microphone, the largest first.
 
     verdict : of the calibration; unless it is "good", the absence of swaps is only stated if every microphone is near
-    its listed position; known : whether known microphones fixed the frame; fit : of the rows, if it was computed
+    its listed position; known : whether known microphones fixed the frame; fit : how the rows fit, if it was computed
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"

@@ -49,7 +49,7 @@ class Limits:
     phase: float = 100.0
     phase_per_microphone: float = 2.0  # radians; the limit is this times the number of microphones, if larger
     dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c; the smallest ratio is its inverse
-    seconds: float = 90.0  # processor time of a calibration of up to `usual_pairs`; with more it grows in proportion
+    seconds: float = 90.0  # largest processor time of a calibration; beyond `usual_pairs` in proportion to the pairs
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates: int = 500_000  # candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate: float = 1e9  # largest coordinate, metres
