@@ -374,7 +374,7 @@ def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_
         found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)
         assert (assess(found).verdict == "good") == possible, ratio
     found = assess(estimate, scale=1.2)
-    assert found.verdict == "sound_speed" and "distance given" in found.message
+    assert found.verdict == "sound_speed" and "given distance" in found.message
 
 
 def test_a_given_distance_stretches_positions_sigma_and_sound_speed_alike(estimate):
