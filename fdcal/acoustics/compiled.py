@@ -53,9 +53,8 @@ def _pool(name: str) -> ThreadPoolExecutor:
 
 def shut_down_threads() -> None:
     """End the threads of `parallel_map` after their current work; a later call starts new ones."""
-    pool = _pool("modes")
+    _pool("modes").shutdown()
     _pool.cache_clear()
-    pool.shutdown()
 
 
 def parallel_map(

@@ -169,10 +169,13 @@ def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_brows
         if seen and not no_browser:
             webbrowser.open(url)
 
+    printed = set[str]()
+
     def on_progress(text: str) -> None:
         if opt.rewrites_lines():
             print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
-        elif text and not text.endswith("%"):  # each stage once
+        elif text and not text.endswith("%") and text not in printed:  # each stage once
+            printed.add(text)
             print(text, file=sys.stderr, flush=True)
 
     from ..viewer import serve
