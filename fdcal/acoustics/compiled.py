@@ -53,7 +53,8 @@ def _pool(name: str) -> ThreadPoolExecutor:
 
 def shut_down_threads() -> None:
     """End the threads of `parallel_map` after their current work; a later call starts new ones."""
-    _pool("modes").shutdown()
+    for name in ("modes", "takes"):
+        _pool(name).shutdown()
     _pool.cache_clear()
 
 
@@ -70,7 +71,7 @@ def parallel_map(
     runs = [partial(copy_context().run, function, item) for item in items]  # the context holds this thread's deadline
     try:
         return _pool(name).map(lambda run: run(), runs) if worth else map(function, items)
-    except RuntimeError:  # the interpreter is exiting, and the pool accepts no more work
+    except RuntimeError:  # the threads are being ended, and the pool accepts no more work
         return map(function, items)
 
 

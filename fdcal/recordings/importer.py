@@ -105,8 +105,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
             problem = f"{first.path} and {one.path} have channels of other names or in another order"
             raise InputError(problem, "give takes of one array", key="names")
     for path, positions in placed[1:]:
-        others = placed[0][1]
-        if others.shape != positions.shape or np.abs(others - positions).max() > SAME_POSITION:
+        if placed[0][1].shape != positions.shape or np.abs(placed[0][1] - positions).max() > SAME_POSITION:
             problem = f"{placed[0][0]} and {path} have different positions of the microphones"
             raise InputError(problem, "give takes of one array that does not move", key="positions")
     return read

@@ -173,7 +173,7 @@ class RunState:
     automatic: bool = True  # whether the solver adds modes and begins other stages by itself
     cost: float = 0.0  # cost of the modes in use, as the solver defines it
     finished: bool = False  # whether the run has ended
-    converged: bool = False  # whether it ended because no microphone moved any more, not because of a limit on steps
+    converged: bool = False  # whether it ended because its last steps moved no microphone, not at a limit on steps
 
     @property
     def modes(self) -> slice:
