@@ -63,12 +63,17 @@ def unhurried(page):
     page.set_default_timeout(WAIT * 1e3)
 
 
+def is_fault(message):
+    """Whether a console message is an error. A control that changes and is removed within one frame is none of ours."""
+    return message.type == "error" and not message.text.startswith("Tried to update non-existent component")
+
+
 def opened_page(context, address, query=COARSE):
     """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
     page = context.new_page()  # the second page of a context loads the program of viser in half the time
     unhurried(page)
     page.faults = []
-    page.on("console", lambda message: page.faults.append(message.text) if message.type == "error" else None)
+    page.on("console", lambda message: page.faults.append(message.text) if is_fault(message) else None)
     page.goto(f"{address}/{query}")
     drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
     page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
