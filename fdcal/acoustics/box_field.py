@@ -12,7 +12,7 @@ the rectangle, the sum is over one axis, and the closed form holds along the oth
 
 k         wavenumber, rad/m, complex: (2 pi f - j s) / c with the time sign exp(+j w t)
 s         rate of decay, 1/s
-psi_t     eigenfunction of number t, whose square has the integral 1;  x_s position of the source
+psi_t     eigenfunction of number t, normalised so that the integral of its square is 1;  x_s position of the source
 z, z_s    coordinates of x and x_s along the axis of the closed form;  z_< the smaller of the two, z_> the larger
 l         length of that axis, metres
 h         coefficient of a wall with outward normal n, 1/m: dp/dn = -h p. It is 0 at a rigid wall, and j k beta at an
@@ -56,7 +56,8 @@ MAX_TERMS = 40_000
 BLOCK_VALUES = 65_536  # terms times microphones times wavenumbers in one batch; such an array takes 1 MB
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times the duration
 POINTS = 6  # points of the spectrum per line width
-# The eigenvalues between absorbing walls are found in steps from a rigid wall on; STEPS is their number over |h| l.
+# Between absorbing walls the eigenvalues are followed while h grows in small steps from 0, a rigid wall, to its value.
+# The number of these steps is STEPS |h| l, and MAX_STEPS at most.
 STEPS = 4.0
 MAX_STEPS = 100
 NEWTON_STEPS = 12  # largest number of Newton iterations in each of these steps
@@ -117,7 +118,7 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
             continue
         order = [(axis + 1 + i) % D for i in range(D)]
         lengths = np.array(room.size)[order]
-        # The numbers (T,), along all axes but the last, of the eigenfunctions whose gamma is below `reach`, 1/m.
+        # `terms` holds, for every axis but the last, the numbers (T,) of the eigenfunctions with gamma <= reach, 1/m.
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
         counts = math.hypot(reach, float(np.abs(k).max())) * lengths[:-1] / np.pi
         if np.prod(counts + 1) > MAX_TERMS:
@@ -196,7 +197,7 @@ def _wall_eigenvalues(count: int, length: float, h: Numbers, steps: int) -> tupl
 
 
 RESONANCE_WIDTH = 2.2  # width of a resonance at -3 dB, Hz, times T60, s
-MAX_FREQUENCIES = 1_000_000  # in a band; a larger number would be a mistake and fill the memory
+MAX_FREQUENCIES = 1_000_000  # largest number of frequencies in a band; more would fill the memory, and are a mistake
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:

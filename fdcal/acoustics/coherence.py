@@ -1,6 +1,6 @@
 """What the pressures of an array show before any position is known: its radius, and whether there is only one wave.
 
-The larger an array is compared with the wavelength, the less power has the mean of its pressures. In a diffuse field
+The power of the mean of the pressures falls as the array grows relative to the wavelength. In a diffuse field
 
     E |mean_n p_n|^2 / mean_n |p_n|^2 = h(k R),   h(z) = (2 J_1(z) / z)^2 in a plane, (3 j_1(z) / z)^2 in space
 
@@ -9,12 +9,12 @@ mean and approximately an exponential distribution. The estimated radius is the 
 frequencies, and is accurate to a factor of about 1.5. Each channel is first scaled to unit power, so that its gain has
 no effect.
 
-A single wave, without any reflection, has the same power at every microphone, except for the gain of each channel and
-the distance of each microphone from a near source; both are factors that are the same at every frequency. In a room the
-power varies from point to point. Let q_mn be the power of channel n at frequency m, divided by the mean power of the
-channel and by that of the frequency. The variance of q over the microphones is near 0 for a single wave and near 1 for
-a diffuse field. Low frequencies are not used for it, because in any field the pressure is nearly constant over an array
-that is much smaller than the wavelength.
+A single wave, without any reflection, has the same power at every microphone. The gain of a channel and the distance
+from a near source change this power, but by the same factor at every frequency. In a room the power varies from point
+to point, in another way at each frequency. Let q_mn be the power of channel n at frequency m, divided by the mean power
+of the channel and by that of the frequency. The variance of q over the microphones is near 0 for a single wave and near
+1 for a diffuse field. Low frequencies are left out of this test, because in any field the pressure is nearly constant
+over an array that is much smaller than the wavelength.
 """
 
 import numpy as np
@@ -30,8 +30,8 @@ MIN_FREQUENCIES = 6
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
     """Return the radius, metres, of the disc or ball that has the same coherence as the array; None if it is unknown.
 
-    `pressures` (M, N) have any unit and any gains; `wavenumbers` (M,) are in rad/m. The radius is unknown if there are
-    too few frequencies, or if all of them are too high.
+    `pressures` (M, N) may have any unit, and each channel any gain; `wavenumbers` (M,) are in rad/m. The radius is
+    unknown if there are too few frequencies, fewer than two channels with a signal, or only too high frequencies.
     """
     from scipy.special import j1, spherical_jn
 
@@ -44,7 +44,7 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
         return None
     coherent = np.abs(p.mean(axis=1)) ** 2 / power
     z = k[:, None] * RADII
-    expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h of the module
+    expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h(k R)
     least, radius = np.inf, 0.0
     for fraction in INCOHERENT:
         mean = (1 - fraction) * expected + 1 / p.shape[1]  # N independent channels would have 1 / N
@@ -58,13 +58,14 @@ SINGLE_WAVE = "the pressures are those of a single wave that passes the array: t
 SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times give the positions"
 
 
-COHERENT = 0.5  # the phase varies over the array where the power of the mean pressure over the mean power is below it
+# The phase counts as varying over the array if the power of the mean pressure, over the mean power, is below this.
+COHERENT = 0.5
 MIN_VARYING = 5  # smallest number of frequencies at which the phase varies
-SINGLE_VARIANCE = 0.06  # largest median variance of q for a single wave; in a room it is 0.2
+SINGLE_VARIANCE = 0.06  # largest median variance of q for a single wave; with the reflections of a room it is about 0.2
 
 
 def is_single_wave(pressures: Complexes) -> bool:
-    """Return whether one wave alone explains the pressures (M, N); False if too few frequencies show it."""
+    """Return whether one wave alone explains the pressures (M, N); False if the phase varies at too few frequencies."""
     p = np.asarray(pressures)
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
     own = np.mean(np.abs(p) ** 2, axis=0)

@@ -1,11 +1,11 @@
-"""Compilation to machine code, threads on all cores, and deadlines.
+"""Compilation to machine code, threads on up to four cores, and deadlines.
 
 numba stores machine code beside the source. If the folder of the source is read-only, it stores the code under
 FDCAL_CACHE if that is set, otherwise in the user's cache folder. If no folder can be written to, every run compiles
 again.
 
-The functions that a calibration calls are not compiled: its first run would have to wait for the compiler, and every
-run would have to wait until numba is loaded.
+The functions that a calibration by the likelihood calls are not compiled. Otherwise its first run would wait for the
+compiler, and every run would wait until numba is loaded.
 """
 
 import functools
@@ -27,8 +27,8 @@ def compiled(function: Callable[P, Result], **options: Any) -> Callable[P, Resul
     """Decorate a function so that its first call with each combination of argument types compiles it.
 
     The machine code is cached on disk. The compiled function releases the interpreter's lock. `options` are keyword
-    arguments of `numba.njit`. Read-only and writable arrays are different types for numba, so that each of the two
-    causes a compilation.
+    arguments of `numba.njit`. For numba, read-only and writable arrays are different types: a function that is called
+    with both is compiled twice.
     """
     import numba
     from numba.core import config
@@ -64,8 +64,8 @@ def parallel_map(
     """Return an iterator over the values of a function for all items, in their order, computed by up to 4 threads.
 
     The function must not call `parallel_map`, because that could deadlock. Pass `worth=False` if there is so little
-    work that one thread is faster. `name` selects the threads: a function that takes long must not use those of the
-    modes, because solvers and maps would have to wait for it.
+    work that one thread is faster. `name` selects the pool of threads, "modes" or "takes". A function that takes long
+    must use "takes", because solvers and maps wait for the threads of "modes".
     """
     items = list(items)
     runs = [partial(copy_context().run, function, item) for item in items]  # the context holds this thread's deadline

@@ -9,18 +9,18 @@ R               radius of the expansion, metres
 r, theta, phi   coordinates of a microphone about the centre of the expansion; in space theta is from the z axis
 Y_lm            orthonormal over the sphere, with the sign of Condon and Shortley
 
-Because of the factor sqrt(4 pi), W W^H for real k tends to sin(k d) / (k d) as L grows, d being the distance of two
-microphones: this is the covariance of a diffuse field of unit power. The limit does not depend on the centre (addition
-theorem); for complex k it does.
+Because of the factor sqrt(4 pi), the elements of W W^H for real k tend to sin(k d) / (k d) as L grows, where d is the
+distance between two microphones. This is the covariance of a diffuse field of unit power. It does not depend on the
+centre of the expansion (addition theorem). For complex k, the limit of W W^H depends on the centre.
 
 Microphones in a plane can also measure a field of three dimensions. In the plane through the centre the functions with
 l + m odd are zero, and the (L + 1)(L + 2) / 2 functions with l + m even remain. Positions with two coordinates are
 assumed to lie in that plane.
 
-The module also computes W over a search lattice, and some functions faster than NumPy and SciPy do. The
-recurrences of the Bessel functions run downward (Miller's algorithm), from an order beyond the argument, where the
-functions are negligible; an upward recurrence would lose all digits. Sine and cosine are computed from the tangent or
-the exponential, because NumPy has vectorised loops for these, which are up to 15 times as fast.
+The module also computes W over a search lattice. Its Bessel, sine, cosine and sinc functions are faster than those of
+NumPy and SciPy. The recurrences of the Bessel functions run downward (Miller's algorithm), from an order beyond the
+argument, where the functions are negligible; an upward recurrence would lose all digits. Sine and cosine are computed
+from the tangent or the exponential, for which NumPy has vectorised loops that are up to 15 times as fast.
 """
 
 import functools
@@ -32,7 +32,7 @@ from scipy.special import jv, sph_harm_y_all, spherical_jn
 from ..model.settings import Search
 from ..model.validation import Complexes, Numbers, Reals
 
-NO_EXTENT = 1e-9  # metres: in an array of this radius all microphones are at one position
+NO_EXTENT = 1e-9  # metres, radius below which all microphones of an array count as being at one position
 
 
 def max_order(wavenumbers: Numbers | complex, radius: float, offset: int = 0) -> np.ndarray:
@@ -135,23 +135,23 @@ def dictionary(points: Reals, wavenumber: complex, order: int, centre: ArrayLike
     return functions(np.asarray(points, float), complex(wavenumber), order, centre)
 
 
-SMALL_BESSEL = 0.2  # argument below which the power series is used; the recurrence would overflow in a few orders
+SMALL_BESSEL = 0.2  # argument below which the power series is used, because the recurrence would soon overflow
 SPARE = 24  # the recurrence begins this many orders above the sum of the argument and the highest order wanted
-FIRST, LARGE = 1e-290, 1e250  # first value of the recurrence, and the value beyond which all are scaled down
-INTERVAL = 8  # orders between two checks for large values
+FIRST, LARGE = 1e-290, 1e250  # first value of the recurrence; size of a value at which all values are scaled down
+INTERVAL = 8  # number of orders after which the recurrence looks for values above LARGE again
 
 
 def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
     """Return J_0 to J_top of every argument, or the spherical j_0 to j_top : (top + 1, ...), of the dtype of `z`.
 
-    The recurrence yields the functions up to a factor. It follows for J_l from J_0 + 2 (J_2 + J_4 + ...) = 1, and for
-    the spherical j_l from the closed form of j_0 or j_1, whichever is larger.
+    The recurrence yields the functions times an unknown factor. For J_l the identity J_0 + 2 (J_2 + J_4 + ...) = 1
+    determines this factor; for the spherical j_l the closed form of j_0 or j_1 does, whichever is larger.
     """
     z, odd = np.asarray(z), int(spherical)
     size = np.abs(z)
     small = size < SMALL_BESSEL
     safe, start = np.where(small, 1.0, z), top + int(size.max(initial=0.0)) + SPARE  # 1 replaces small arguments
-    # f is the function times an unknown factor for each argument, with f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
+    # f holds the functions times an unknown factor for each argument; f_(l-1) = (2 l + odd) f_l / z - f_(l+1).
     f, inverse = np.empty((start + 1, *z.shape), safe.dtype), 1.0 / safe
     f[start] = FIRST
     np.multiply(inverse, (2 * start + odd) * FIRST, out=f[start - 1])
@@ -238,18 +238,18 @@ def complex_sinc(square: Complexes) -> tuple[np.ndarray, np.ndarray]:
     return kappa, slope
 
 
-SPARE_ORDERS = 8  # orders computed in addition to those in use, for results exact to rounding errors
+SPARE_ORDERS = 8  # number of orders computed beyond those in use, so that the latter are exact to rounding errors
 
 
 class LatticeDictionary:
     """The dictionary of every candidate of a search lattice, from one table of radial functions.
 
-    Every `centre` below is a point of the lattice. The offsets of all candidates are therefore whole multiples of the
-    step, and the squares of their lengths in steps are integers. J_l is only needed at a few thousand radii, which are
-    the same for all centres.
+    The centre of the expansion is a point of the lattice. The offsets of the candidates from it are therefore whole
+    multiples of the step along each axis, and the squares of their lengths, in steps, are integers. J_l is only needed
+    at a few thousand radii, which are the same for all centres.
 
-    `points` (C, 2) float64 are the candidates, metres, x fastest; `shape` is (ny, nx). `row` (d2max + 1,) int32 is the
-    row of the table for each squared offset in steps, or -1 if no candidate has this offset.
+    `points` (C, 2) float64 are the candidates, metres, x fastest; `shape` is (ny, nx). `row` (d2max + 1,) int32
+    maps the squared length of an offset, in steps, to a row of the table, or to -1 if no candidate has this offset.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
@@ -286,7 +286,7 @@ class LatticeDictionary:
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre: Reals) -> tuple[np.ndarray, np.ndarray]:
-        """Return exp(j theta) (C,) complex128 and the table's row (C,) int32 for every candidate about `centre`."""
+        """Return exp(j theta) (C,) complex128 and the row in the table (C,) int32 of every candidate about `centre`."""
         index = tuple(self.search.index(centre).tolist())
         cached, phases = self._phases  # those of the last centre, because the centre rarely moves from step to step
         if cached != index:

@@ -96,7 +96,7 @@ def neighbour_sum(p: np.ndarray) -> np.ndarray:
 
 
 def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
-    """Return row and column (N, 2) of the cells that contain points (N, 2), metres.
+    """Return row and column (N, 2) of the cells that contain points (N, 2), metres; `cell` is the cell size, metres.
 
     Raises InputError for a point outside the room; the message calls the point `name`.
     """

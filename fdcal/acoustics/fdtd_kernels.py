@@ -1,6 +1,6 @@
 """The compiled inner loops of the wave equation on a grid; `fdcal.acoustics.fdtd` states the scheme.
 
-    sweep         advances a strip of rows by several steps: spans, wall cells, source, microphones
+    sweep         advances a strip of rows by several steps, including its wall cells, the source and the microphones
     march         advances the whole grid by many steps, with its strips distributed over threads
 
 Steps are taken in blocks of BLOCK (split tiling in time). Each thread advances its strip of rows by the whole block. At
@@ -26,12 +26,12 @@ DEPTH = 3  # steps in a wave front; the 5 rows of 2 arrays that it needs fit in 
 def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
           wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
           recordings):  # fmt: skip
-    """Advance the rows from low + low_slope t up to, but without, high + high_slope t, for t = 0 ... steps - 1.
+    """Advance rows low + low_slope t (included) to high + high_slope t (excluded) in each step t = 0 ... steps - 1.
 
     `state` is the flattened state of `march`, and `step` the number of the first step; the arguments from `width` on
-    are those of `StencilTables`. The loops stand in one function, because a call with arrays would change their
-    reference counts at every row, which takes as long as computing the row. Unsigned indices save the test for negative
-    ones.
+    are those of `StencilTables`. All loops are in one function. If each row called another one, the reference counts of
+    the arrays would change at every call, which takes as long as computing the row. Indices are unsigned, so that numba
+    omits the test for negative ones.
     """
     half, wide, one, centre = state.size // 2, np.uint64(width), np.uint64(1), 2 - 4 * lam2
     for group in range(0, steps, DEPTH):
@@ -40,7 +40,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
         last_front = high + max(high_slope * group, high_slope * last) + last - group
         for front in range(first_front, last_front):
             for t in range(group, last + 1):
-                row = front - (t - group)  # one row behind the step before, because it needs the result of that step
+                row = front - (t - group)  # one row behind the previous step, whose result in the next row it needs
                 if row < low + low_slope * t or row >= high + high_slope * t:
                     continue
                 time = step + t

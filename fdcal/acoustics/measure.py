@@ -43,13 +43,14 @@ def require_measurable(scene: Scene) -> None:
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, cached: bool = False) -> Measurement:
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
-    `recordings` (N, T) are simulated unless they are given; a room of three dimensions has none. `progress` is called
-    with the fraction done. `cached` states whether simulated recordings are stored in the cache. The wavenumbers are
-    complex if the sound lasts to the end of the recording (see `fdcal.acoustics.spectrum`). Raises InputError for a
-    scene that cannot be simulated, or for recordings of a scene whose source has several positions.
+    `recordings` (N, T) of a two-dimensional room are simulated unless they are given; in three dimensions the pressures
+    are computed without recordings. `progress` is called with the fraction done. If `cached` is true, recordings are
+    read from the cache, or simulated and stored there. The wavenumbers are complex if the sound lasts to the end of the
+    recording (see `fdcal.acoustics.spectrum`). Raises InputError for a scene that cannot be simulated, or for
+    recordings of a scene whose source has several positions.
     """
     if scene.source is not None and scene.source.positions:
-        positions_of(scene)  # its error message numbers an impossible source position among all of them
+        positions_of(scene)  # raises the error for an impossible source position with its number among all positions
     takes, fields = scene.takes(), []
     if recordings is not None and len(takes) > 1:
         problem = f"the source has {len(takes)} positions, but the recordings belong to one"
@@ -69,7 +70,7 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     """Return the pressures at the modes that are picked, without noise and faults; parameters as in `measure`.
 
     The source must have one position. The field only depends on the room, the source, the array and the rules for
-    picking modes, so that several measurements may use the same field.
+    picking modes. Measurements that differ in noise or faults only can therefore use the same field.
     """
     require_measurable(scene)
     room, sensing = scene.room, scene.measurement
@@ -143,7 +144,7 @@ def draw_measurement(
 ) -> Measurement:
     """Return the measurement of a sound field, with noise, gains and dead channels.
 
-    All simulated noise is drawn here: that of scenes, of the studies in `fdcal_bench` and of the benchmarks.
+    This function draws all simulated noise: for scenes, for the studies in `fdcal_bench` and for the benchmarks.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ Sample n of the response is taken as a plane wave that arrives from the directio
 The response was measured at the origin. Elsewhere the field is modelled by this sum, which solves the Helmholtz
 equation exactly for any response, and has no source inside the array.
 
-a_n, t_n, u_n    amplitude of wave n, its time of arrival at the origin, s, and the unit vector towards its origin
+a_n, t_n, u_n    amplitude of wave n, its time of arrival at the origin, s, and the unit vector from which it comes
 f, c             frequency, Hz; sound speed, m/s
 x                position, metres
 
@@ -76,7 +76,7 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
     peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
     if len(pressure) - start < len(pressure) / 2 or peaks[-1] > END_PEAK * peaks.min():
         problem = f"{path}: the response wraps round: its beginning is at the end of the file"
-        remedy = "shift it so that it begins with the direct sound, and take the silence before it off the end"
+        remedy = "shift it circularly so that it begins with the direct sound, and cut off the silence at the new end"
         raise InputError(problem, remedy, key="p")
     across = np.cos(elevation)
     directions = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation)], axis=1)
@@ -110,7 +110,7 @@ def plane_wave_pressures(
 
 
 def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -> np.ndarray:
-    """Return the impulse responses of a field of plane waves, sampled as the response is.
+    """Return the impulse responses of a field of plane waves at microphones, at the sampling rate of `response`.
 
     Each wave is delayed by Lagrange interpolation over TAPS samples, whose error is 1e-6 up to a twentieth of the
     sampling rate and 1 % up to MAX_FREQUENCY. `positions` (N, 3), metres, are relative to the origin of the response.
@@ -134,7 +134,7 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
 
 
 def require_rendered(response: SdmResponse, sensing: Sensing) -> None:
-    """Raise InputError if the band exceeds that of the response, or if the response is too short for the resolution."""
+    """Raise InputError if the response has too low a sampling rate for the band, or is too short for the resolution."""
     if sensing.highest > MAX_FREQUENCY * response.sample_rate:
         why = f"is too high for a response of {response.sample_rate:g} Hz"
         remedy = f"use at most {MAX_FREQUENCY * response.sample_rate:g} Hz"

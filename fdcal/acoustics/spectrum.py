@@ -1,14 +1,14 @@
 """From recordings to modes: exponential window, peak picking, pressures and wavenumbers.
 
-The sound in a weakly damped room does not decay within a recording, and the Fourier transform of the truncated signal
-does not satisfy a Helmholtz equation. If the signal is weighted with exp(-s t), the transform satisfies it, up to the
-remainder at the end of the recording, at the complex frequency
+In a weakly damped room the sound has not decayed at the end of a recording, and the Fourier transform of the truncated
+signal does not satisfy a Helmholtz equation. The transform of the signal times exp(-s t) does satisfy it, except for
+the remainder at the end of the recording, at the complex frequency
 
     w = 2 pi f - 1j s    (time sign exp(+1j w t)),    k = w / c,
 
 provided that the source has zero mean and the recording starts in silence. This holds at any frequency f, but the
-signal is strongest at the modes. The modes are therefore picked in a spectrum of high resolution and low side lobes;
-then the pressures are computed with the exponential window at exactly these frequencies.
+signal is strongest at the modes. The modes are therefore picked in a spectrum of high resolution and low side lobes.
+The pressures are then computed at exactly these frequencies, with the exponential window.
 """
 
 import math
@@ -93,11 +93,12 @@ def mean_power(
 ) -> tuple[float, float, np.ndarray]:
     """Return the power spectrum in which `pick_peaks` finds peaks, averaged over the microphones.
 
-    The recordings (N, T) are weighted with a Blackman-Harris window raised to an exponent: 1 for sound that has not
-    decayed at the end, 0 for sound that has, or between. Returns the first frequency and the spacing of the points, Hz,
-    and the power (F,) float64, in the squared unit of the recordings. Raises InputError as `check_band` does.
+    The recordings (N, T) are weighted with a power of a Blackman-Harris window. The exponent is 1 if the sound has not
+    decayed at the end, 0 if it has decayed by 12 nepers, and in between otherwise. Returns the first frequency and the
+    spacing of the points, Hz, and the power (F,) float64, in the squared unit of the recordings. Raises InputError as
+    `check_band` does.
     """
-    from scipy.signal import get_window  # imported here: it loads in 1 s; a cached measurement does not need it
+    from scipy.signal import get_window  # imported here: loading it takes 1 s, and a cached measurement omits it
 
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
@@ -121,7 +122,7 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     """
     if prominence_db == 0:
         return np.arange(lowest, lowest + step * (len(power) - 0.5), resolution)
-    from scipy.signal import find_peaks  # it also loads in 1 s
+    from scipy.signal import find_peaks  # imported here for the same reason as `get_window`
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)
     apart = max(1.0, resolution / step)
