@@ -1,11 +1,13 @@
-"""Whether the result of a run can be trusted, in one record for all solvers.
+"""The assessment of a run, which says whether its result can be trusted: one record for all solvers.
 
 Faulty channels are named, and the verdict concerns the other channels only.
 
 A given position can check the result only if the pressures and the other given positions together determine the
 position of its microphone well. Without its own given position, the covariance of this microphone's position is
 
-    (P^-1 - spring I)^-1 ,   P the covariance with it, spring the curvature of its prior, 1/m^2
+    (P^-1 - s I)^-1
+
+P is the covariance with the given position, metres^2, and s the curvature of the prior of this position, 1/m^2.
 
 Given positions that the solver does not get, for example with `known = "none"`, are compared with the result after the
 best rigid motion:
@@ -37,9 +39,9 @@ from .field import cross_validate
 from .findings import Judged, first_finding
 from .uncertainty import EXACT, covariance_of, one_sigma, root_mean_square, scale_sigma_of, search_spread_of
 
-ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
+ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # without other names, messages show the names of Python arguments
 RIVAL_DISTANCE = 1e-3  # metres; two optima closer than this or than three sigmas count as the same
-RIVAL_COST = 8.0  # nats above the best score up to which an optimum is a rival; a score has an error of a few nats
+RIVAL_COST = 8.0  # nats; a rival's score exceeds the lowest one by less than this. Scores have errors of a few nats
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +200,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
     loosest, by_model = 0.0, covariance_of(estimate, by_model=True)
-    if given.sigma > 0:  # the largest sigma of a given microphone without its own given position; 1 m at most
+    if given.sigma > 0:  # the largest sigma of a microphone without its own given position; at most 1 m along an axis
         springs = zip(problem.known[kept], given.stiffness[kept], strict=True)
         others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - spring * np.eye(D)) for n, spring in springs]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
@@ -208,7 +210,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
 
 
 def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scale: float) -> float:
-    """Return the probability that `unused` positions and the array found differ as much by chance, see the module."""
+    """Return the probability that chi^2 (see the module) is by chance at least that of the `unused` positions."""
     numbers, D = np.array([*unused], int), estimate.problem.array_dimension
     freedom = len(numbers) * D - D * (D + 1) // 2
     if freedom <= 0 or estimate.given.carry_scale:  # then the pressures hardly determine the size

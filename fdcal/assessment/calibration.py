@@ -67,13 +67,13 @@ class FaultKind:
 
     question: str  # question of `fdcal doctor` to which the fault belongs
     mend: bool = False  # whether the user can repair it, by exchanging cables or by correcting a row of a list
-    minor: bool = False  # whether it is a property of another type of microphone, which a calibration corrects
+    minor: bool = False  # whether it can mean just another type of microphone, whose response a calibration corrects
 
 
-# All kinds of faults, for verdict, `--check`, import, `fdcal record` and `fdcal doctor`. Faults of samples are found in
-# `fdcal.recordings.channels`, of clocks in `fdcal.recordings.synchrony`, of channels and given positions in
-# `fdcal.assessment.channels`, of lists in `fdcal.assessment.position_check`, and of whole recordings in
-# `fdcal.session.doctor`.
+# All kinds of faults, for verdict, `--check`, import, `fdcal record` and `fdcal doctor`. `fdcal.recordings.channels`
+# finds faults of samples, `fdcal.recordings.synchrony` those of clocks, `fdcal.assessment.channels` those of channels
+# and given positions, `fdcal.assessment.position_check` those of lists, and `fdcal.session.doctor` those of whole
+# recordings.
 FAULTS: Mapping[str, FaultKind] = MappingProxyType({
     "silent": FaultKind("samples", mend=True),
     "clipped": FaultKind("samples"),
@@ -115,7 +115,7 @@ class ChannelFault:
         Gain or noise relative to the median channel in decibels, phase in degrees, delay in seconds, corner frequency
         minus that of the others in hertz, or distance from the given position in metres.
     unit : str
-        Of the value: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
+        Unit of `value`: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
     partner : str or None
         Name of the other microphone of a swap.
     """
@@ -160,15 +160,15 @@ class Channels(FrozenArrays):
     Attributes
     ----------
     gain_db, gain_sigma_db : (N,) float64
-        Gain over that of the median channel and its one sigma, decibels.
+        Gain relative to that of the median channel, and its standard deviation, decibels.
     phase_deg, phase_sigma_deg : (N,) float64
-        Phase against that of the median channel and its one sigma, degrees, from -180 to 180.
+        Phase relative to that of the median channel, from -180 to 180, and its standard deviation, degrees.
     noise_db : (N,) float64
-        Noise over that of the median channel, decibels.
+        Noise relative to that of the median channel, decibels.
     faults : tuple of ChannelFault
-        In the order of the microphones.
+        Faults of channels and of given positions, in the order of the microphones.
     given : tuple of GivenPosition
-        Of the microphones whose positions were given, in their order.
+        Given and found positions of the microphones whose positions were given, in the order of the microphones.
     """
 
     arrays = CHANNEL_NUMBERS
@@ -192,21 +192,21 @@ class Channels(FrozenArrays):
 
     @property
     def correction(self) -> ChannelCorrection:
-        """Gains and noise in the form that costs use."""
+        """Gains and noise as factors, which `fdcal.cost` needs."""
         gains = 10 ** (self.gain_db / 20) * np.exp(1j * np.radians(self.phase_deg))
         return ChannelCorrection(gains, 10 ** (self.noise_db / 10))
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """The input of a calibration; `states` runs the solver again, with the same steps up to `step`."""
+    """The input of a calibration, from which its run can be repeated."""
 
     measurement: Measurement
     problem: Problem
     settings: SolverSettings
     seed: int
-    step: int
-    states: Callable[[], Iterator[Any]]
+    step: int  # number of steps that the run took
+    states: Callable[[], Iterator[Any]]  # runs the solver again and yields its states, up to `step`
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,11 +225,12 @@ class Calibration(FrozenArrays):
     cost : float
         What the solver minimised; dimensionless with modes of unit RMS. Solvers minimise different quantities.
     cost_db : float or None
-        Eq. 7 over all modes that the microphones can carry, dB relative to their power; comparable between solvers.
+        Eq. 7 summed over all modes whose expansion has fewer functions than there are microphones, dB relative to the
+        power of these modes; comparable between solvers.
     sweeps : int
         Number of times that all free microphones were moved.
     elapsed : float
-        Seconds.
+        Duration of the run, seconds.
     converged : bool
     known : tuple of str or None
         Names of the microphones whose positions were given; None if the file does not say.
@@ -239,11 +240,12 @@ class Calibration(FrozenArrays):
         Whether nothing fixes translation, rotation and mirror image, so that the errors are those after the best
         rigid motion.
     mean_error, rms_error, max_error : float or None
-        Over the microphones that `counted` returns, metres; None where the true positions are unknown.
+        Mean, root mean square and largest of `errors` over the microphones that `counted` returns, metres; None if the
+        true positions are unknown.
     errors : (N,) float64 or None
         Distance of each microphone from its true position, metres.
     sound_speed : float or None
-        As given or as estimated, m/s.
+        Given or estimated sound speed, m/s.
     verdict : str
         A code of `fdcal.assessment.findings`, such as "good"; "" if the file has none.
     verdict_text : str
@@ -251,15 +253,16 @@ class Calibration(FrozenArrays):
     uncertainty : (N,) float64 or None
         One sigma of each position, metres; 0 for a known microphone that the solver did not move.
     covariance : (N, D, D) float64 or None
-        Of each position, metres^2.
+        Covariance of each position, metres^2.
     evidence : Evidence or None
+        The figures behind the verdict.
     channels : Channels or None
         Gain and noise of every channel, and what is wrong with it.
     sound_speed_sigma : float or None
         One sigma of a sound speed that was estimated with the positions, m/s.
     order : tuple of str or None
-        For each microphone, the name of the row of a list at whose position it stands, if the file has a comparison
-        that fits.
+        If the file has a comparison with a list of positions that fits: for each microphone, the name of the row of the
+        list at whose position it stands.
     run : Run or None
         The run that `show` plays, for a result of `fdcal.calibrate`; files do not hold it.
 
@@ -323,7 +326,7 @@ class Calibration(FrozenArrays):
         Parameters
         ----------
         given : sequence of int
-            Microphones whose positions were given; they count only where no other is left.
+            Microphones whose positions were given; they are only counted if no other microphone is left.
 
         Returns
         -------
@@ -382,7 +385,7 @@ class Calibration(FrozenArrays):
         ----------
         measurement : Measurement
         given : sequence of int
-            As of `counted`.
+            As in `counted`.
 
         Returns
         -------

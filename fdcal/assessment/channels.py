@@ -2,11 +2,11 @@
 
 inverted, gain     phase or gain differ much from those of the other channels
 delayed            the phase relative to the prediction by the others falls with frequency
-high_pass          a first-order high-pass at another corner frequency than that of the other channels
-dead               the others predict nothing of the signal
+high_pass          the channel has a first-order high-pass whose corner frequency differs from that of the others
+dead               the other channels predict nothing of the signal
 noisy              the noise is far above that of the others
 misplaced          a given position contradicts the pressures
-swapped            two channels, or two given positions, are in each other's place
+swapped            two channels, or two given positions, are exchanged
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,16 +17,17 @@ from ..solvers.interface import Estimate
 from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
 INVERTED_PHASE = 2.5  # radians, absolute phase above which a channel counts as inverted
-MAX_NOISE = 12.0  # noise over that of the median channel above which a channel is noisy
+MAX_NOISE = 12.0  # ratio of a channel's noise to that of the median channel above which the channel is noisy
 # fraction of the power below which noise is not a fault, because the misfit of the field model may cause it
 MIN_NOISE = 1e-4
 # Noise that a position error of three sigmas can cause is not a fault either, as long as it is below 1 % of the power.
 POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
-# The farther a healthy channel is from the others, the less they predict of it: in a sparse array hardly anything of
-# some channels, and about half of others. Channels are therefore dead only if every other channel is predicted clearly
-# better: the fraction that is not predicted is below UNPREDICTED over this factor. Without this rule healthy channels
-# count as dead in 24 of 48 sparse arrays, with it in none, and all dead channels of the field suite are found.
+# The prediction of a healthy channel becomes worse with its distance from the others. In a sparse array some channels
+# can hardly be predicted, and others by about half. Channels therefore only count as dead if all others are predicted
+# clearly better, which means that their unpredicted fraction is below UNPREDICTED over this factor. Without this rule
+# healthy channels count as dead in 24 of 48 sparse arrays. With it none does, and all dead channels of the suite
+# `benchmarks field` are found.
 PREDICTED_BETTER = 3.0
 MAX_UNPREDICTED = 0.5  # fraction of the channels above which none is dead, because the array is too sparse
 
@@ -51,8 +52,8 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     unpredicted, rest = fraction > UNPREDICTED, fraction[(fraction <= UNPREDICTED) & (tau < MAX_NOISE)]
     unpredicted &= bool(np.all(rest < UNPREDICTED / PREDICTED_BETTER)) and np.mean(unpredicted) <= MAX_UNPREDICTED
     unpredicted[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
-    # The solver's prior sigma excludes channels with gross faults. Where all channels differ by several decibels, it
-    # excludes too many, and the median deviation of all channels is larger.
+    # The solver leaves channels with gross faults out when it estimates the prior sigma. If all channels differ by
+    # several decibels, it leaves out too many. The limit therefore uses the median deviation if that is larger.
     scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / MEDIAN_OF_NORMAL
     far = np.abs(gains) > np.maximum(GAIN_SIGMAS * np.maximum(channels.spread, scatter), MIN_GAIN)
     filtered = _filtered(estimate, names)
@@ -84,8 +85,8 @@ MIN_CORNER = 3.0
 def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFault]:
     """Return the channels with a significant delay or high-pass.
 
-    In a field of few waves the part of sigma that is due to the data is enlarged by the excess. Here all of sigma is
-    enlarged, which is an upper bound.
+    In a field of few waves, `PositionSpread.excess` enlarges the part of a variance that is due to the data. Here the
+    whole variance is enlarged, which gives an upper bound of sigma.
     """
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
@@ -102,9 +103,9 @@ def _filtered(estimate: Estimate, names: Sequence[str]) -> dict[int, ChannelFaul
     return found
 
 
-COHERENT = 0.5  # least fraction of the power that the delayed prediction explains in a delayed channel
-DELAY_GAIN = 1.02  # least ratio of the coherence with a delay to that without
-# seconds, largest delay that is tried, and distance of two delays
+COHERENT = 0.5  # smallest fraction of the power of a delayed channel that the delayed prediction explains
+DELAY_GAIN = 1.02  # smallest ratio of the coherence with a delay to that without one
+# seconds, largest delay that is tried, and difference of two successive delays
 MAX_DELAY = 2e-3
 DELAY_STEP = 1e-5
 
@@ -127,8 +128,9 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
 # A given position is wrong if its microphone is found farther from it than both limits, in sigmas and in metres.
 MISPLACED_SIGMAS = 3.0
 MIN_MISPLACED = 0.006
-# Two microphones are exchanged if the second one stands at the given position of the first: closer than the larger of
-# two limits, in sigmas and in metres, and closer than this fraction of the distance of the first one.
+# Two microphones are exchanged if the second one is found at the given position of the first one. Its distance from
+# there must be below the larger of two limits, in sigmas and in metres, and below this fraction of the distance at
+# which the first one is found.
 EXCHANGED_SIGMAS = 3.0
 MIN_EXCHANGED = 0.005
 EXCHANGED_FRACTION = 0.3

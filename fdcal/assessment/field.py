@@ -71,7 +71,7 @@ class CrossValidation:
 
     overall: float  # power of the error over power of the pressures, every mode with the same weight
     microphones: np.ndarray  # (N,) float64, the same for each microphone
-    modes: np.ndarray  # (modes in use,) float64, of each frequency
+    modes: np.ndarray  # (modes in use,) float64, the same for each mode
 
 
 def cross_validate(

@@ -1,7 +1,7 @@
 """The findings of an assessment: an ordered table, FINDINGS. The first that applies is the verdict.
 
 good                no check contradicts the result
-too_noisy           most of the signal is noise
+too_noisy           a large part of the power is noise or unexplained
 undersampled        the solver interpolates (Eq. 7), and the array cannot at the frequencies in use (Eq. 9)
 not_converged       the solver stopped while microphones still moved
 known_position      a given position contradicts the recordings, or its channel is swapped
@@ -27,8 +27,8 @@ from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text, listed
 
 CAUSES = (
-    "sound from few directions (record another take, the source elsewhere), a source or an obstacle inside the array,"
-    " faulty channels, or positions not found yet"
+    "sound from few directions (record another take with the source elsewhere), a source or an obstacle inside the"
+    " array, faulty channels, or positions not found yet"
 )
 MORE_MODES = "use more frequencies (<modes>), or "  # begins a remedy; `first_finding` inserts a number, or omits it
 
@@ -45,7 +45,7 @@ class Answer:
     text: str
     value: float | None = None
     unit: str = ""
-    # pairs of a fault or difference, a key of `FAULTS`, and the name of its microphone, "" for the whole recording
+    # pairs: a fault or difference, which is a key of `FAULTS`, and the microphone's name, "" for the whole recording
     found: tuple[tuple[str, str], ...] = ()
 
     @property
@@ -62,11 +62,11 @@ class Judged:
     names: Sequence[str]  # of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
-    # probability that given positions disagree by chance as much as they do: with the pressures or, if the solver did
-    # not get them, with the array found; 1 if it cannot be computed
+    # probability that given positions would by chance disagree at least as much as they do: with the pressures, or with
+    # the array found if the solver did not get these positions; 1 if it cannot be computed
     agreement: float
-    # metres, largest sigma of a known microphone without its own given position; 0 if none is known, infinite if too
-    # few given positions are right to place the array
+    # metres, largest sigma of a known microphone without its own given position; 0 if none is known or all given
+    # positions are exact, infinite if too few of them are right to place the array
     loosest: float
     search: np.ndarray  # (N,) float64, metres, spread of the search
     scale_sigma: float  # one sigma of the least certain stretching of the array, relative
@@ -126,8 +126,9 @@ class Judged:
 # uneven; with a source inside the array a tenth or more of all.
 UNEVEN = 3.0
 UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the power
-# Fraction of the power that a healthy measurement may leave unexplained beside its noise. In measured arrays the
-# microphones predict each other to -27 to -32 dB at the true positions; simulated living rooms leave 1e-5 to 1e-3.
+# Fraction of the power that a healthy measurement may leave unexplained in addition to its noise. In measured arrays
+# the error of predicting a microphone from the others at the true positions is -27 to -32 dB; in simulated living rooms
+# the unexplained fraction is 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
 MAX_UNEXPLAINED = 0.12  # if the field does not explain more than this fraction of the channels, they share a cause
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
@@ -152,7 +153,7 @@ def _many_unexplained(seen: Judged, limit: float) -> bool:
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
-    """Whether too many given positions are wrong, or too few are right to fix the frame; one may be misplaced."""
+    """Whether too many given positions are misplaced (one always may be), or too few are right to fix the frame."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
     return few or sum(one.kind == "misplaced" for one in wrong) > max(1, limit * len(problem.known))
@@ -194,7 +195,7 @@ CONTRADICTION = 4.0  # reduced chi-square of the difference of two estimates abo
 
 
 def precision(sigma: np.ndarray) -> str:
-    """Return one sigma (N,), metres, in words."""
+    """Return the root mean square of one sigma (N,), metres, over the microphones, in words."""
     return f"one sigma {length_text(root_mean_square(sigma), 2)}"
 
 
@@ -238,10 +239,11 @@ class Finding:
     code: str  # of the verdict
     applies: Callable[[Judged, float], bool]  # maps evidence and limit to whether the finding applies
     words: Callable[[Judged], str]  # maps the evidence to a text that says what was found
-    # what the user can do, for some findings a function of the evidence; "" where the words say so
+    # what the user can do: a text, or a function that maps the evidence to one; "" if `words` already says it
     remedy: str | Callable[[Judged], str] = ""
     limit: float = 0.0  # the threshold
-    reason: str = ""  # meaning of the limit, and why it has this value; meaning of the condition if there is no limit
+    # what is compared with the limit, and why it has this value; without a limit, the meaning of the condition
+    reason: str = ""
 
 
 # fmt: off
@@ -250,36 +252,36 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("too_noisy", lambda seen, limit: seen.noise_fraction > limit,
             lambda seen: f"about {100 * seen.noise_fraction:.0f} % of the power is noise or unexplained",
             "measure ten times longer, or 10 dB louder",
-            0.3, "noise over the power; above this the search seldom finds the array"),
+            0.3, "ratio of the noise to the power; above the limit the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array because there are hardly any reflections"),
     Finding("model_mismatch",  # if half of them are noisy, the cause may be the field model: the next row
             lambda seen, limit: len(seen.channel_faults) > max(2, limit * len(seen.names))
             and not (2 * seen.noisy.sum() >= len(seen.channel_faults) and _many_unexplained(seen, MAX_UNEXPLAINED)),
             _many_faulty, "check their cables and gains",
-            0.3, "fraction of channels with a fault of their own; above it too few channels remain to compare with"),
+            0.3, "fraction of channels with a fault of their own; above the limit too few healthy ones remain"),
     Finding("model_mismatch", _many_unexplained,
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", MAX_UNEXPLAINED, "fraction of channels that the field does not explain; more of them share a cause"),
+            "", MAX_UNEXPLAINED, "fraction of channels not explained by the field; above the limit, one common cause"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
                          f" that of the median one, or more: {CAUSES}",
-            "", 0.1, "fraction of uneven channels; fewer are faults of single channels"),
+            "", 0.1, "fraction of uneven channels; below the limit they are faults of single channels"),
     Finding("undersampled", lambda seen, _: seen.estimate.interpolates and seen.highest > seen.f_max,
             lambda seen: f"{np.sum(seen.healthy)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz"
                          f" (Eq. 9), but frequencies up to {seen.highest:.0f} Hz are in use",
             "use more microphones closer together", reason="frequencies above f_max (Eq. 9) are in use"),
     Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
             lambda seen: f"the solver ended while microphones still moved, by up to {seen.step_left:.2g} sigma", "",
-            3.0, "Newton step left over one sigma"),
+            3.0, "ratio of the remaining Newton step to one sigma"),
     Finding("known_position", _few_right,
             lambda seen: f"known microphone {listed(one.name for one in seen.wrong_given)}: the position given"
                          " contradicts the recordings; it or the sound speed is wrong, or the channel is swapped"
                          " with another",
             "check the positions and the cables of the known microphones",
-            0.2, "fraction of misplaced given positions; with more the frame of the array is unreliable"),
+            0.2, "fraction of misplaced given positions; above the limit the frame of the array is unreliable"),
     Finding("known_position", lambda seen, limit: seen.agreement <= limit,
             _disagreement,
             "",
@@ -289,7 +291,7 @@ FINDINGS: tuple[Finding, ...] = (
             and seen.noise_fraction > limit * given + ROOM_RESIDUAL,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",
-            "", 2.0, "noise found, minus 0.001 of the power, which a healthy room may leave, over the given noise"),
+            "", 2.0, "ratio to the given noise of the noise found minus 0.001 of the power, which healthy rooms leave"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows and seen.given_noise == 0
             and seen.noise_fraction > limit,
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"
@@ -305,12 +307,12 @@ FINDINGS: tuple[Finding, ...] = (
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "no check contradicts the shape found, but the size of the array is hardly determined",
             lambda seen: f"give {_least_certain(seen)}, or one <distance>",
-            0.1, "one sigma of the least certain stretching of a blind array, relative"),
+            0.1, "relative sigma of the least certain stretching or shearing of an array without known microphones"),
     Finding("ambiguous", lambda seen, limit: seen.estimate.given.mirror_advantage < limit,
             lambda seen: f"the mirror image of the array fits the given positions as well: these lie nearly"
                          f" {'on a line' if seen.estimate.positions.shape[1] == 2 else 'in a plane'}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
-            3.0, "nats by which the array is likelier than its mirror image: a probability of 0.05 for the latter"),
+            3.0, "nats by which the array is likelier than its mirror image; 3 nats give the latter 5 % probability"),
     Finding("ambiguous", lambda seen, _: bool(seen.rival.any()),
             lambda seen: "another array explains the pressures as well; in it microphone"
                          f" {seen.names[int(seen.rival.argmax())]} is {100 * seen.rival.max():.2g} cm away",
@@ -321,15 +323,15 @@ FINDINGS: tuple[Finding, ...] = (
                          f" {seen.estimate.channels.noise[seen.noisiest]:.2g} times the noise of the others: it may"
                          " stand elsewhere, or the room causes this at its right position",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
-            2.3, "noise of a channel over that of the median one"),
+            2.3, "ratio of a channel's noise to that of the median channel"),
     Finding("ambiguous", lambda seen, limit: seen.uncertain > limit * seen.radius,
             lambda seen: f"the positions are uncertain by {100 * seen.uncertain:.2g} cm",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record with less noise",
-            0.1, "one sigma of the positions over the root mean square radius of the array"),
+            0.1, "ratio of one sigma of the positions to the root mean square radius of the array"),
     Finding("ambiguous",
             lambda seen, limit: bool(len(seen.estimate.problem.known))
             and seen.loosest >= max(limit, 3 * seen.uncertain),
-            lambda seen: "an error of a given position would not be noticed: without it the sigma of its"
+            lambda seen: "an error of a given position would not be noticed: without this position the sigma of its"
                          f" microphone is {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),

@@ -50,7 +50,7 @@ ENOUGH = 0.9  # no further base is tried once this fraction of the points lies c
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
-    """Return the best alignments of `points` (N, D) with `others`, each with another order, the closest first."""
+    """Return the best alignments of `points` (N, D) with `others`, all of different order, the closest first."""
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
@@ -63,7 +63,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
         centred, targets = points - points[base].mean(axis=0), others[groups]
         middles = targets.mean(axis=1, keepdims=True)
         U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
-        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points fit the array and its mirror image
+        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points do not decide between array and mirror image
         motions = np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
@@ -161,9 +161,10 @@ class PositionCheck:
         Metres, distance of each position of the list from the nearest other one.
     scale : float
         Size of the list over that of the array found; 1 unless they differ by more than a tenth, as with other units.
-        Lengths above are those of the list after division by this scale.
+        The lengths above belong to the list divided by this scale.
     symmetric : bool
-        Whether the list also fits rotated or mirrored, so that such a swap of most channels cannot be detected.
+        Whether the list also fits after a rotation or reflection of the array, because this is symmetric. A swap of
+        most channels that equals such a motion cannot be detected.
     moved : bool
         Whether the positions were moved as a whole although microphones were known, because the list has other axes.
     """
@@ -202,12 +203,12 @@ class PositionCheck:
         Parameters
         ----------
         names : sequence of N str
-            Of the microphones.
+            Names of the microphones.
 
         Returns
         -------
         dict
-            Of values for JSON; lengths in metres.
+            Values of JSON types by key; lengths in metres.
         """
         return {
             "fits": self.fits,
@@ -234,8 +235,8 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     found, given : (N, D) array_like
         Metres.
     known : sequence of int
-        Numbers of known microphones. If there are none, or if the list fits only after such a motion, the positions are
-        first moved as a whole onto the list.
+        Numbers of known microphones. If there are none, the positions are first moved as a whole onto the list. This is
+        also done if there are some, but the list does not fit without such a motion.
 
     Returns
     -------
@@ -419,9 +420,9 @@ class ListFit:
     poor : bool
         Whether the errors of the kept rows are larger than expected.
     trusted : bool
-        Whether the array found can be trusted; if not, a `poor` fit may be its fault.
+        Whether the array found can be trusted; if not, the array rather than the list may cause a `poor` fit.
     repeated : tuple of int
-        Microphones that share their position in the list with another one.
+        Microphones to which the list gives the same position as to another one.
     """
 
     errors: np.ndarray
@@ -456,9 +457,10 @@ def fit_list(
 ) -> ListFit:
     """Return how each row of a list fits, after `check` has found that the list fits as a whole.
 
-    `found`, `given` (N, D), metres, as compared; `sigma` (N,), metres, of each position found; `dead`: channels without
-    signal, whose positions mean nothing. Where array and list agree in most rows, both are right there whatever the
-    verdict, and the other rows are wrong. Size and mean error are only judged for a trusted array.
+    `found`, `given` (N, D), metres, are the positions that `check` compared; `sigma` (N,), metres, is one sigma of each
+    position found; `dead` are channels without signal, whose positions mean nothing. If array and list agree in most
+    rows, these rows are right whatever the verdict is, and the other rows of the list are wrong. Size and RMS error are
+    only judged if the array is trusted.
     """
     rules, found, listed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
     alive = ~np.isin(np.arange(len(found)), dead)

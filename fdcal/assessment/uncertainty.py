@@ -4,13 +4,13 @@ After a run it follows from what the solver reports at its minimum (`PositionSpr
 
     P   inverse of the Gauss-Newton matrix of cost and priors: the covariance if the field is as assumed
     Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
-    r   dispersion: ratio to Q of the covariance that the differences between blocks of frequencies and takes show
+    r   dispersion: covariance that the differences between blocks of frequencies and takes imply, divided by Q
     C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
 P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
-is less random than this model, and r measures how much. Since r is estimated from about ten blocks only, three quarters
-of its excess over 1 are used, and r < 1 does not reduce the covariance. The part of P that is due to the priors is not
-enlarged.
+is less random than this model, so that the blocks differ more than P predicts; r measures by how much. Since r is
+estimated from about ten blocks only, three quarters of its excess over 1 are used, and r < 1 does not reduce the
+covariance. The part of P that is due to the priors is not enlarged.
 
 One sigma of a position is the root of the trace of C, which is the RMS distance from the true position. One sigma of a
 coordinate is the root of an element of the diagonal of C.
@@ -19,11 +19,13 @@ C describes one minimum. The spread of the search describes the distances betwee
 
     w_e = exp(-score_e) / sum_f exp(-score_f),   spread of microphone n = sqrt(sum_e w_e |d_en|^2)
 
-score_e is the score of optimum e, nats; d_en is the distance between the positions of microphone n in optimum e and in
-the likeliest one.
+score_e is the negative log evidence of optimum e, nats; d_en is the distance between the positions of microphone n in
+optimum e and in the likeliest one.
 
-Before a measurement the Cramer-Rao bound is the least possible uncertainty. It follows from the Fisher information of a
-diffuse field on positions, channel gains and the sound speed:
+Before a measurement the Cramer-Rao bound is the least possible uncertainty. It follows from the Fisher information that
+a diffuse field holds on positions, channel gains and the sound speed. In mode m the field has the power s_m, the noise
+v_m and the wavenumber k_m; r_ij is the distance of two microphones, a_n + j b_n the log gain of a channel, x_ia the
+coordinate a of microphone i, and o the product element by element:
 
     C_m      = G [s_m kappa(k_m r_ij) + v_m I] G^H,   G = diag exp(a_n + j b_n)
     F_tu     = sum_m tr(C^-1 dC/dt C^-1 dC/du)         complex Gaussian pressures (Slepian 1954, Bangs 1971)
@@ -62,7 +64,7 @@ if TYPE_CHECKING:  # a plan needs no solver
     from ..solvers.interface import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
-MIN_EIGENVALUE = 1e-13  # least relative eigenvalue of the scaled information in its inverse
+MIN_EIGENVALUE = 1e-13  # smaller eigenvalues of the scaled information, over the largest, are raised to this
 BLOCK = 100_000  # numbers in the largest array of a block of modes
 
 
@@ -127,7 +129,7 @@ def diffuse_information(positions, wavenumbers, noise_fraction: float, dimension
     for some in np.array_split(k, min(len(k), 1 + len(k) * (N * D) ** 2 // BLOCK)):
         kappa, over = diffuse_kernel(distance, some, dimension)
         slopes = np.asarray(over).reshape(-1, 1, N, N) * np.moveaxis(apart, -1, 0)
-        # On positions and gains, each mode of unknown power: slopes are d kappa_ij / dx_ia, 1/m.
+        # Information on positions and gains; the power of each mode is unknown. `slopes` are d kappa_ij / dx_ia, 1/m.
         M, one = len(some), np.eye(N)
         K, S = (1 - noise_fraction) * kappa.reshape(-1, N, N), (1 - noise_fraction) * slopes
         C = K + noise_fraction * one
@@ -187,9 +189,9 @@ def covariance_of(estimate: Estimate, by_model: bool = False) -> np.ndarray:
     return blocks if by_model else blocks + spread.step[:, :, None] * spread.step[:, None, :]
 
 
-# Where short windows determine the array, its extent along every axis counts as at least this fraction of the longest
-# one, because a flat array has no height that a stretching could change. Without short windows the same rule would give
-# the verdict "good" to a line in a plane whose error is 2.4 times the claimed sigma (1 of 60 arrays).
+# If short windows determine the array, its extent along every axis counts as at least this fraction of the longest one,
+# because a flat array has no height that a stretching could change. Without short windows, this rule would give the
+# verdict "good" to 1 of 60 arrays of the test, a linear array in a plane whose error is 2.4 times the claimed sigma.
 LEAST_EXTENT = 0.5
 
 

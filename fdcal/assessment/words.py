@@ -22,7 +22,7 @@ STEP_LEFT = "the remaining step is small compared with one sigma"
 
 
 def end_word(converged: bool, trusted: bool) -> str:
-    """Return how a run ended, in words: one that did not converge but has a trusted result "Ended"."""
+    """Return how a run ended, in words; "Ended" means that it did not converge, but its result is trusted."""
     return "Converged" if converged else "Ended" if trusted else "Stopped before it converged"
 
 
@@ -31,7 +31,7 @@ SMALLEST = 1e-5  # m, error below which only this limit is given
 
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
-    """Return what the solver is doing, or how it ended, in the words of `end_word`.
+    """Return what the solver is doing or, after the end of the run, the result of `end_word`.
 
     A run counts as trusted unless another `verdict` is given.
     """
@@ -285,7 +285,7 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
         return found
     found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its place" for n in fit.misplaced]
     if fit.poor and fit.trusted:
-        found.append(f"its positions are {1e3 * fit.rms:.0f} mm off on average")
+        found.append(f"its positions are {1e3 * fit.rms:.0f} mm off (RMS)")
     if fit.sized:
         found.append(_of_size(fit.scale))
     if fit.repeated:

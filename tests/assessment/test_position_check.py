@@ -186,7 +186,7 @@ def test_a_list_that_is_wrong_everywhere_is_neither_fine_nor_a_temperature(seed)
     places, error = ball(seed, 16, 3), (0.015, 0.025)[seed % 2]
     listed = places + error * np.random.default_rng(seed).normal(size=places.shape)
     (words,) = faults_of(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
-    assert words.endswith("mm off on average")
+    assert words.endswith("mm off (RMS)")
     assert float(words.split()[3]) == pytest.approx(1e3 * error * 3**0.5, rel=0.4)
 
 
@@ -200,7 +200,7 @@ def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_con
         assert check.fits and fit.misplaced == misplaced and fit.wrong == bool(misplaced)
     fit = replace(fit, misplaced=(5,))
     text = described(compare_positions(moved(places, 3), listed), range(16), "ambiguous", fit=fit)
-    assert "5 is " in text and "mm off on average" not in text
+    assert "5 is " in text and "mm off (RMS)" not in text
 
 
 def test_a_position_that_the_list_has_twice_is_named_though_both_microphones_stand_near_it():
