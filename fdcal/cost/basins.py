@@ -4,7 +4,7 @@ Whether a minimum counts depends on its prominence (`fdcal.cost.scale`), which a
 descent from neighbour to neighbour assigns every point of the map to the basin of a minimum. The pass between two
 basins is the lowest point where they touch. The passes are visited in ascending order, and at each of them its two
 basins merge; the climb from the higher of their two minima to the pass is the prominence of that minimum. Only the
-passes must be sorted, which are a few per cent of the points.
+passes, a few per cent of all points, must be sorted.
 
 The basin of a minimum that is too shallow to count belongs to the basin with which it merges.
 
@@ -106,7 +106,10 @@ def _passes(cost: Reals, basins: Integers):
 
 @compiled
 def _merge(cost: Reals, basins: Integers, passes: Integers, depth: float):
-    """Return which minima are too shallow to count (P,), and the minimum with whose basin each of them merges (P,)."""
+    """Return for each of P points whether it is a minimum too shallow to count, and the minimum with which it merges.
+
+    The latter is the point itself unless it is too shallow. `passes` must be in ascending order of their cost.
+    """
     union, heirs, ended = basins.copy(), np.arange(cost.size), np.zeros(cost.size, np.bool_)
     for row in range(len(passes)):
         here, there = passes[row]
@@ -141,8 +144,8 @@ class Basins:
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), and their basins.
 
-    A minimum counts if its prominence, the climb from it to a lower minimum, exceeds the fraction `depth` of the map's
-    scale. Minima at the edge do not count, because the cost beyond it is unknown.
+    A minimum counts if its prominence, the climb that is needed to reach a lower minimum, exceeds the fraction `depth`
+    of the map's scale. Minima at the edge do not count, because the cost beyond it is unknown.
     """
     minima, owners = merged_basins(on_scale(cost), depth)
     places = np.stack(np.unravel_index(minima, cost.shape), axis=1)

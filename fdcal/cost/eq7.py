@@ -1,4 +1,4 @@
-"""The paper's cost, Eq. 7; rows of the dictionary W for many modes; and the reference cost of any positions.
+"""The paper's cost, Eq. 7; the computation of W for many modes; and a reference cost that compares any positions.
 
     W          dictionary of one mode at the estimated positions (Eq. 4)
     alpha      W^+ p, coefficients of the field (Eq. 5)
@@ -25,7 +25,8 @@ in r^2 represents it to rounding errors. The constants c_l are omitted, since Eq
 of W.
 
 The microphones can carry a mode if its expansion has fewer functions than there are microphones: in a plane
-2L + 1 < N (Eq. 8). Only then does Eq. 7 constrain the position of each microphone.
+2L + 1 < N (Eq. 8). With as many functions or more, the residual of a mode is zero at nearly all positions, and Eq. 7
+does not constrain them.
 
 The reference cost is Eq. 7, summed over all modes that the microphones can carry, relative to their power, in decibels.
 The solvers minimise different costs, which cannot be compared with each other; the reference cost is the same function
@@ -34,7 +35,7 @@ positions explain nothing, and falls as the positions improve, down to the noise
 expansion. Rotations, translations and mirror images do not change it.
 
 If the solver estimates the channels, the pressures are divided by their gains, and each channel has the weight
-1 / noise; otherwise one inverted or dead channel would dominate the cost.
+1 / noise. Without this correction one inverted or dead channel would dominate the cost.
 """
 
 from __future__ import annotations
@@ -178,7 +179,7 @@ def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return up to which mode the microphones can carry all modes, as a number of modes; without a domain, all."""
+    """Return the number of lowest modes that the microphones can carry without a gap; all without a search domain."""
     if problem.search is None:
         return len(problem.pressures)
     carried = carried_modes(problem, order_offset).modes
@@ -189,13 +190,13 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     """Raise InputError unless the field has `count` modes and the microphones can carry them."""
     measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
     if count > measured:
-        fault = f"{count} frequencies asked for (solver.modes), but {measured} were measured"
+        fault = f"solver.modes = {count}, but {measured} frequencies were measured"
         raise InputError(fault, f"use at most {measured}", key="modes")
     if count <= usable:
         return
     R, remedies = search_domain(problem).radius, []
     if usable:
-        remedies = [f"use at most {usable} frequencies (solver.modes; {count} asked for)"]
+        remedies = [f"use at most {usable} frequencies (solver.modes is {count})"]
     remedies += [f"a search.radius below {R:g} m"]
     remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
     remedy = f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones"
@@ -248,7 +249,7 @@ class FieldExpansion:
     def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
         """Return the rows of W (B, C, K) complex128 at points (C, D), metres, for a `group` of B modes of one order L.
 
-        Each column differs from the dictionary by a constant factor.
+        Each column is that of the dictionary times a constant factor.
         """
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
@@ -295,7 +296,8 @@ class FieldExpansion:
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # all searches and maps share the tables
 
 
-ORDER_OFFSET = 2  # added to ceil(k R); with the paper's 0 the truncation error is as large as the effect of 1 cm
+# added to ceil(k R); with the paper's 0 the truncation error is as large as the effect of moving a microphone by 1 cm
+ORDER_OFFSET = 2
 MIN_MODES = 3  # if the microphones carry fewer modes, the order is lowered
 LOWEST = 1e-16  # relative cost below which all costs have the same value in decibels
 
@@ -316,9 +318,9 @@ def reference_cost_of(problem: Problem) -> ReferenceCost | None:
 class ReferenceCost:
     """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
 
-    `order_offset` is added to ceil(k R) in the order of every mode. It is lowered if the array carries fewer than
-    MIN_MODES modes with it; the attribute `order_offset` is the lowered value. `count` is the number of modes. Raises
-    InputError without a search domain, or if the microphones carry no mode.
+    `order_offset` is added to ceil(k R) in the order of every mode. If the array can carry fewer than MIN_MODES modes
+    with it, it is lowered; the attribute `order_offset` holds the value in use. The attribute `count` is the number of
+    modes. Raises InputError without a search domain, or if the microphones can carry no mode.
 
     Examples
     --------
@@ -342,7 +344,10 @@ class ReferenceCost:
         self._pressures = problem.pressures[carried.modes]
 
     def __call__(self, positions: ArrayLike, channels: ChannelCorrection | None = None) -> float:
-        """Return the cost of positions (N, D), metres, in dB, for given gains and noise; NaN if one is not finite."""
+        """Return the cost of positions (N, D), metres, in dB; NaN if a coordinate is not finite.
+
+        channels : gains and noise of the channels, by which the pressures are corrected; None for no correction
+        """
         positions = np.asarray(positions, float)
         if not np.isfinite(positions).all():
             return float("nan")

@@ -61,7 +61,7 @@ def blocks(modes: int, numbers: int) -> list[slice]:
 
 
 def over_blocks(rule: Callable[[slice], Result], modes: int, numbers: int) -> Iterator[list[Result]]:
-    """Yield the results of `rule` for each of `blocks`, in PARTS lists; large problems use several threads."""
+    """Yield PARTS lists, or fewer, with the results of `rule` for all `blocks`; large problems use several threads."""
 
     def of_part(part: list[slice]) -> list[Result]:
         results = []
@@ -147,7 +147,8 @@ DEGREES = (3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 29, 31, 35, 41, 47, 53, 59, 65, 7
 def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, orders: int = DIRECTION_ORDERS) -> int:
     """Return the number of directions that resolve a field over the array up to the order ceil(k R) + `orders`.
 
-    positions : (N, D), metres; wavenumbers : (M,), rad/m
+    positions : (N, D), metres, whose largest distance from the centroid is R; wavenumbers : (M,), rad/m, of which the
+    largest real part is k; dimension : of the field
     """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     order = int(np.ceil(np.real(wavenumbers).max() * reach)) + orders
@@ -299,9 +300,9 @@ def _wave_slopes(W: Complexes, k: Numbers, towards: Reals, u: Complexes, P: Comp
 def _pair_slopes(
     waves: Reals, a: Reals, b: Reals, k: Numbers, towards: Reals, u: Complexes, P: Complexes
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same from undamped `waves` (M, N, Q) in opposite pairs, with the directions `towards` (D, Q / 2).
+    """Return the two results of `Slopes` from undamped `waves` (M, N, Q) in opposite pairs.
 
-    a, b : (M, Q / 2), result of `pair_powers`; k : (M,), rad/m
+    towards : (D, Q / 2), one direction of each pair; a, b : (M, Q / 2), result of `pair_powers`; k : (M,), rad/m
     """
     half = a.shape[1]
     along = np.matmul(waves.swapaxes(1, 2), as_columns(u, waves.dtype))  # W^T u

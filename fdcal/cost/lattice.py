@@ -1,14 +1,14 @@
 """The search of solver "descent": the candidate with the lowest Eq. 7 for one microphone, in a plane and in space.
 
-In a plane all candidates of the lattice are searched, by compiled loops over the rows of W from the lattice's table of
-radial functions. Each mode can only increase the sum, so the search drops a candidate as soon as its partial sum
-exceeds the full sum at the present position. Once the positions are nearly right, a step therefore takes at most a
-tenth of the time of a map (`fdcal.cost.maps`). The result is the argmin of the landscape; of equal values it is the
-first in lattice order.
+In a plane all candidates of the lattice are searched. Compiled loops compute their rows of W from the lattice's table
+of radial functions. The cost of a candidate is a sum over modes, and no term is negative; the search therefore drops a
+candidate as soon as its partial sum exceeds the full sum at the present position. Once the positions are nearly right,
+a step takes at most a tenth of the time of a map (`fdcal.cost.maps`). The result is the argmin of the landscape; of
+equal values it is the first in lattice order.
 
-A lattice in space has a hundred times as many candidates as a map, and W has four times as many columns. To evaluate
-all of them in every step would take too long. The cost of one microphone has no detail finer than a fraction of the
-shortest wavelength in use, so that it suffices to try some candidates:
+A lattice in space has a hundred times as many candidates as one in a plane, and W has four times as many columns.
+Evaluating all candidates in every step would take too long. The cost of one microphone has no detail finer than a
+fraction of the shortest wavelength in use, so that it suffices to try some candidates:
 
     coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
             lowest up, and after each quarter of them the worse half of the candidates is dropped
@@ -177,7 +177,11 @@ def pruned_search(
 
     First the cost of candidate `start` is computed. Then the costs of all candidates are summed mode by mode, beginning
     with the lowest mode, which is the cheapest. After each mode, candidates whose sum exceeds the cost of `start` are
-    dropped. `triangular` states for each mode whether the matrix in `columns` is lower triangular.
+    dropped.
+
+    unit, row : (C,), from `LatticeDictionary.phases`; radial : (M, U, Lmax + 1), its `radial`; orders : (M,), L of each
+    mode; columns : (M, Kmax + 1, Kmax), the transposed Z of each mode, followed by the row alpha; triangular : (M,),
+    whether the transposed Z is lower triangular; r0, p_n : (M,), from `fdcal.cost.eq7.LeaveOneOutFit`
     """
     floor = r0.sum()
     kept, total = np.array([start]), np.array([floor])

@@ -14,14 +14,14 @@ mode m determines,
 
 An inverse gamma prior adds a number of observations of an expected value to the numerator and the denominator.
 
-The power by direction of a row is that of its take, plus a deviation:
+A row is one frequency of one take. Its power by direction S_q deviates from A_q, that of its take:
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
 If all S_q are 1, the field is diffuse. The field in a room is not: the direct sound and the early reflections of one
 source come from the same directions at every frequency, and each resonance consists of a few plane waves. Assuming a
-diffuse field biases the positions, but a few microphones cannot determine the power by direction of a single row. It
-is therefore learned together with A_q, that of all rows of the take. With
+diffuse field biases the positions, but a few microphones cannot determine the S_q of a single row. They are therefore
+learned together with A_q, which all rows of the take have in common. With
 
     alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the number of observations of direction q in a row (at most 1),
 
@@ -191,7 +191,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
 
 
 def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the same for undamped waves in opposite pairs, by real arithmetic; `waves` (M, N, Q) float64."""
+    """Return what `_by_waves` returns, for undamped `waves` (M, N, Q) float64 in opposite pairs, in real arithmetic."""
     (M, N, Q), n = waves.shape, np.arange(int(waves.shape[1]))
     half, w = Q // 2, kernels.wave_directions(dimension, Q)[1]
     C = np.empty((M, N, N), complex)

@@ -1,4 +1,4 @@
-"""The likelihood of many short windows: the field in each is random, and its covariance depends on the positions.
+"""The likelihood of many short windows. The field in each window is random; its covariance depends on the positions.
 
 A short window of a take holds the sound of a few reflections. Over many windows the reflections come from all
 directions, with unequal power. The spectra p of all windows of a take at one frequency therefore have the same
@@ -16,9 +16,9 @@ covariance matrix, except for the power s of each window:
          part of d. In a room floor and ceiling absorb most, so that late sound comes from nearly horizontal directions
     e    power of the noise. Both b and e are interpolated in frequency between a few nodes
 
-A window smooths the spectrum. K and h h^H are therefore means over its bandwidth: the mean of the values at k - B and
-k + B, where B is the standard deviation of the wavenumber, weighted by the power spectrum of the window. With the
-values at k alone, the error of an array of 1.6 m with windows of 30 ms is 48 mm instead of 30 mm.
+A window smooths the spectrum. K and h h^H are therefore means over its bandwidth. They are approximated by the mean of
+the values at k - B and k + B, where B is the standard deviation of the wavenumber over the window's power spectrum. For
+an array of 1.6 m with windows of 30 ms, the error is 30 mm; with the values at k alone it would be 48 mm.
 
 If the power of each window has its most likely value, p^H C^-1 p / N, the cost is
 
@@ -55,8 +55,8 @@ SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r
 NOISE_NODES, POWER_NODES = 5, 2  # numbers of nodes in frequency of e and b
 DIRECTIONS = 1200  # number of directions that are tried for a new wave
 SPACING = 0.125  # spacing of the lattice on which a microphone is sought, in shortest wavelengths
-# OF_WAVE is the number of parameters of a wave: its power at the nodes, its direction along two tangents, its
-# curvature. IN_GROUP is their number in one group, where the wave has a single power
+# OF_WAVE is the number of parameters of a wave: its power at each node, its direction along two tangents, and its
+# curvature. IN_GROUP is their number within one group, where the wave has one power instead of those at the nodes
 OF_WAVE, IN_GROUP = POWER_NODES + 3, 4
 # Means and standard deviations of the priors. SPECTRUM: a_l, r and g, radians. CHANNEL: gains, nepers, and phases,
 # radians. NOISE and POWER: logarithms of the power relative to the diffuse field. CURVATURE: 1/m
@@ -64,7 +64,7 @@ SPECTRUM_MEAN = np.array([0, 0, 0, 0, 0, 0, 0.14])
 SPECTRUM_SPREAD = np.array([0.5, 0.5, 0.5, 0.5, 1.0, 0.5, 0.07])
 CHANNEL_SPREAD = 0.05
 NOISE_PRIOR, POWER_PRIOR, CURVATURE_PRIOR = (-3.5, 2.0), (-1.5, 2.0), (0.4, 0.3)
-NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power from one direction; the power is over the mean
+NEGATIVE = 1e4  # nats, stiffness of the penalty on a negative power from a direction, relative to the mean power
 NOISE_BOUNDS = (np.log(1e-5), np.log(5.0))  # bounds on log e
 
 
@@ -297,7 +297,7 @@ def _scores_and_fisher(
     G, N, A, V = len(inverse), inverse.shape[1], len(rows), len(whole)
     P, weight = N * A, windows * N / (N + 1)
     X, transposed = rows @ inverse, inverse.swapaxes(1, 2)
-    # S C^-1 of each matrix S in `whole`: the transpose is (G, N, N, V), its real and imaginary part (G, N, 2, N, V)
+    # `parts` holds the transpose of S C^-1 for each matrix S in `whole`, with real and imaginary part on axis 2
     parts = np.stack([transposed.real, transposed.imag], axis=2).reshape(G, 2 * N, N)
     parts = (parts @ np.ascontiguousarray(whole.transpose(1, 2, 3, 0)).reshape(G, N, N * V)).reshape(G, N, 2, N, V)
     # A parameter of a wave changes C by u h^H + h u^H, with u the derivative of h.
@@ -499,11 +499,11 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
 def other_places(
     likelihood: ShortLikelihood, field: ShortField, axes: Integers, apart: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the most likely other place of each microphone (N, 3), metres, and how much higher its cost is (N,).
+    """Return the most likely other place of each microphone (N, 3), metres, and by how much the cost is higher there.
 
     The places are minima of the cost on a lattice, more than `apart`, metres, away from the present place; all other
-    microphones stay where they are. If there is no such minimum, the difference of the costs is infinite. axes : (D,),
-    the free coordinates
+    microphones stay where they are. The differences of the costs are (N,), nats; infinite without such a minimum.
+    axes : (D,), the free coordinates
     """
     x, spacing = field.positions, SPACING * 2 * np.pi / float(likelihood.wavenumbers.max())
     ranges = [np.arange(x[:, a].min() - spacing, x[:, a].max() + 2 * spacing, spacing) for a in axes]
