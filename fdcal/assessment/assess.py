@@ -88,9 +88,8 @@ def assess(
     seen = judged(estimate, names, scale, unused)
     code, message = first_finding(seen)
     if code in ("undersampled", "not_converged"):  # with these verdicts given positions cannot be judged
-        seen = judged(
-            estimate, names, scale, unused, {n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST}
-        )
+        of_channels = {n: one for n, one in seen.faulty.items() if one.kind not in OF_LIST}
+        seen = judged(estimate, names, scale, unused, of_channels)
     problem, size = estimate.problem, scale or 1.0
     speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
     positions = exchanged_back(estimate, seen.faulty, names)

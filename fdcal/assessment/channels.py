@@ -121,8 +121,9 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
     best, undelayed = int(np.argmax(turned)), turned[steps]
     if not unpredicted and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
         return ChannelFault(name, "delayed", float(delays[best]), "s")
-    tau, dead = estimate.channels.noise, unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
-    return ChannelFault(name, "dead" if dead else "noisy", float(10 * np.log10(tau[n] / np.median(tau))), "dB")
+    dead = unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
+    level = 10 * np.log10(estimate.channels.noise[n] / np.median(estimate.channels.noise))
+    return ChannelFault(name, "dead" if dead else "noisy", float(level), "dB")
 
 
 # A given position is wrong if its microphone is found farther from it than both limits, in sigmas and in metres.

@@ -77,7 +77,7 @@ Piece = tuple[str, Callable[[], object]]  # name of what is compiled, and the ca
 
 
 def warmup_calls(solver: str) -> list[Piece]:
-    """Return the compiled pieces that a solver and the maps of its page need, in the order of their use."""
+    """Return the compiled pieces that a solver and the maps on the page need, in the order of their use."""
     return [*([SEARCH] if load(solver).TRAITS.needs_search else []), MINIMA]
 
 

@@ -3,13 +3,14 @@
     step   one free microphone moves to the candidate with the lowest cost (Eq. 7) while the others stay; then the
            expansion is recentred on the centre of mass of the array
     sweep  all free microphones move once, in an order drawn for this sweep
-    stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
+    stage  sweeps with one set of modes, until no microphone moves in a whole sweep, or for `max_sweeps` sweeps; then
+           the next mode is added
 
-The run begins with its lowest modes, or from the highest down (`SolverSettings.mode_order`), and with microphones at
-random candidates, which are the points of the search lattice. The centre of the expansion is the centre of mass rounded
-to the lattice, so that one table of radial functions serves every step
-(`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from coarse to fine
-(`fdcal.cost.lattice`), and only some of them are tried.
+The run either begins with its lowest modes and adds higher ones, or begins with its highest mode and adds lower ones
+(`SolverSettings.mode_order`). By default the free microphones begin at random candidates, the points of the search
+lattice. The centre of the expansion is the centre of mass rounded to the lattice, so that one table of radial functions
+serves every step (`fdcal.acoustics.dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
+coarse to fine (`fdcal.cost.lattice`), and only some of them are tried.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ TRAITS = Traits(
 
 @dataclass(frozen=True)
 class State(RunState):
-    """Everything `step` needs. A run can be continued from any state.
+    """Everything that `step` needs, so that a run can be continued from any state.
 
     `cost`: Eq. 7 summed over the modes in use, with the expansion about the centre that the last step used.
     """
@@ -82,7 +83,7 @@ def order_offset_of(settings: SolverSettings, modes: int) -> int:
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     """Return the first state: free microphones on the search lattice, known ones at their positions.
 
-    `seed`: of the random start and of the order in which the microphones are moved.
+    `seed` determines the random start and the order in which the microphones are moved.
     """
     _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
@@ -128,7 +129,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def _end_sweep(state: State) -> State:
-    """Return the state after a sweep; where no sweep of this stage is left, a mode is added or the run ends."""
+    """Return the state after a sweep. If it was the last one of its stage, a mode is added, or the run ends."""
     converged = not state.changed
     state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
     if not converged and state.stage_sweeps < state.settings.max_sweeps:
@@ -171,12 +172,12 @@ def _cost(problem: Problem, state: State) -> float:
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
-    InputError if these modes were not measured, or if there are too few microphones for the order of their expansion.
+    Raises InputError if these modes were not measured, or if the microphones are too few for their expansion.
     """
     require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)
     changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
-    changed = replace(changed, turn=0, stage_sweeps=0, changed=False)  # converged: a whole sweep moves nothing
+    changed = replace(changed, turn=0, stage_sweeps=0, changed=False)  # convergence needs a whole sweep
     return replace(changed, cost=_cost(problem, changed))
 
 

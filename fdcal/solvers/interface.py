@@ -40,7 +40,8 @@ class ChannelEstimate:
     # and their standard deviations; 0 for a channel without a filter
     filters: Reals
     filter_sigma: Reals
-    spread: Reals  # (2,) float64, prior sigma of gains, nepers, and phases, radians; gross faults do not count in it
+    # (2,) float64, prior sigma of gains, nepers, and phases, radians, estimated without channels with gross faults
+    spread: Reals
     noise: Reals  # (N,) float64, noise of each channel over that of a healthy one
 
 
@@ -64,8 +65,8 @@ class PositionSpread:
     # covariance that is due to errors of the data rather than to the priors
     newton: Reals
     data: Reals
-    # The blocks of frequencies and takes disagree; this is the covariance that their disagreement implies over `data`,
-    # pooled over the microphones. It is 1 on average if the model of the field is right
+    # covariance that the differences between blocks of frequencies and takes imply, divided by `data`, pooled over the
+    # microphones; 1 on average if the model of the field is right
     dispersion: float
     # (N, D) float64, metres: the remaining Newton step, and the standard deviation of each coordinate
     step: np.ndarray
@@ -173,7 +174,8 @@ class RunState:
     automatic: bool = True  # whether the solver adds modes and begins other stages by itself
     cost: float = 0.0  # cost of the modes in use, as the solver defines it
     finished: bool = False  # whether the run has ended
-    converged: bool = False  # whether it ended because its last steps moved no microphone, not at a limit on steps
+    # whether it ended because its last steps hardly moved a microphone, rather than at the largest number of steps
+    converged: bool = False
 
     @property
     def modes(self) -> slice:

@@ -1,8 +1,8 @@
 """Solver "joint": the likelihood solver (`fdcal.solvers.robust`) for matched channels and exact given positions.
 
-Only positions are estimated: the gains are fixed, and microphones with a given position never move. In space the field
-stays isotropic, since learning the power of hundreds of directions would take most of the time. This preset
-takes a third to three quarters of the time of "robust".
+The gains are fixed, except that of a channel with a gross fault such as inverted polarity. Microphones with a given
+position never move. In space the field stays isotropic, since learning the power of hundreds of directions would take
+most of the time. This preset takes a third to three quarters of the time of "robust".
 """
 
 from dataclasses import dataclass, replace

@@ -42,7 +42,7 @@ MIN_DAMPING = 1e-9
 MAX_DAMPING = 1e6  # no step is tried with a damping above this
 INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
 DECREASE = 10.0  # divisor of the damping after a step
-# relative decrease of the cost that is below rounding errors; no more steps are tried once one predicts less than this
+# relative decrease of the cost that rounding errors hide; after a step that predicts a smaller one, no other is tried
 MIN_DECREASE = 1e-12
 
 
@@ -58,8 +58,8 @@ def damped_step(
     """Return the first of a series of steps with increasing damping that lowers the cost; no step if none does.
 
     cost : returns the cost at some unknowns; advance : returns the unknowns after a step (P,) of the parameters;
-    length : returns how far these unknowns have moved, metres; damping : dimensionless, of the first trial; max_step :
-    metres, a longer step is damped more, because it could leave the basin
+    length : returns how far positions have moved in these unknowns, metres; damping : damping of the first trial,
+    dimensionless; max_step : largest step, metres. A longer one could leave the basin; the damping is then increased
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())

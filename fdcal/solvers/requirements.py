@@ -79,7 +79,7 @@ def require_modes(problem: Problem, count: int) -> None:
     microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
-    equations = max(1, 2 * (microphones - problem.dimension - 1))  # real ones of a row, after the field is fitted
+    equations = max(1, 2 * (microphones - problem.dimension - 1))  # real equations of a row that a fitted field leaves
     unknowns = problem.array_dimension * len(problem.free)
     needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:
@@ -110,7 +110,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         raise InputError(message, f"use {min_microphones(problem.dimension)} microphones or more", key="pressures")
     if takes < needed:
         message = f"{N} microphones are too few with {takes} take{'s' if takes > 1 else ''}"
-        remedy = f"record {needed} takes, the source at another place in each, or use {problem.dimension + 2} or more"
+        remedy = f"record {needed} takes with the source at different places, or use {problem.dimension + 2} or more"
         raise InputError(message, f"{remedy} microphones", key="pressures")
     needed, used = -(-unknowns // max(1, N - D - 1)), min(modes, measured)
     if used < needed:

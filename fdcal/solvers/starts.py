@@ -42,13 +42,13 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes from which affine starts are computed, by dimension
+LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes of the affine starts, by dimension of the field
 # Random starts are used if the other starts disagree. Arrays of more than RANDOM_SIZE microphones have fewer of them,
 # because each then takes longer.
 RANDOM_STARTS = 32
 RANDOM_SIZE = 24
-RANDOM_LOWEST = (3, 5, 8)  # numbers of the lowest modes to which random starts are fitted first, in turn
-COHERENCE_LOWEST = 5  # the same for starts by coherence
+RANDOM_LOWEST = (3, 5, 8)  # how many of the lowest modes random starts are fitted to first, in turn
+COHERENCE_LOWEST = 5  # the same number for starts by coherence
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Start:
     """How one start is computed."""
 
     kind: str  # "affine", "coherence" or "random"
-    number: int  # how many modes it is computed from; for a random start its number, which is also the seed
+    number: int  # number of modes from which it is computed; the seed of a random start
     lowest: int  # number of the lowest modes to which it is fitted first
     given: bool = False  # whether it depends on the given positions
 

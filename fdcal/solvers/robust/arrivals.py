@@ -3,8 +3,9 @@
     r_tn = c tau_tn - b_t - g(x_n - x_0, u_t, q_t)
     g    = |x_n - y_t| - |x_0 - y_t| = (q z^2 - 2 u . z) / (1 + s),   s = sqrt(1 - 2 q u . z + q^2 z^2)
 
-y_t is the position of the source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, and q_t one
-over the distance of the source. A plane wave has q = 0, where nothing is singular. The derivatives follow from
+r_tn is the residual of the arrival time tau_tn at microphone n in take t, multiplied by c. y_t is the position of the
+source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, and q_t the inverse of the distance of
+the source from x_0. A plane wave has q = 0, where nothing is singular. The derivatives follow from
 g (2 + q g) = q z^2 - 2 u . z:
 
     dg / du = -z / s,    dg / dq = (z^2 - g^2) / (2 s),    dg / dz = (q z - u) / s
@@ -57,12 +58,13 @@ class ArrivalTerms:
 
 
 MAX_STEPS = 40  # Levenberg-Marquardt steps of the fit of the sources
-MIN_DECREASE = 1e-9  # nats; the fit ends when the next step promises less
-# damping of the first step, and least damping
+MIN_DECREASE = 1e-9  # nats; the fit ends when the next step predicts a smaller decrease of the cost
+# damping of the first step, and smallest damping
 DAMPING = 1e-3
 MIN_DAMPING = 1e-9
 NEAREST = 0.1  # metres, least distance of a source from the middle of the array
-MIN_CURVATURE = 0.1  # least ratio of the curvature of a residual's cost to its weight; an outlier's would be negative
+# smallest ratio of the curvature of a residual's cost to its weight that is used; that of an outlier is negative
+MIN_CURVATURE = 0.1
 STARTS = (0.0, 0.6)  # inverse distances from which the fit begins, times the radius of the array
 
 
@@ -82,7 +84,10 @@ class Arrivals:
     def terms(
         self, positions: Reals, log_speed: float = 0.0, derivatives: bool = True, delays: Reals | None = None
     ) -> ArrivalTerms:
-        """Return the term at positions (N, D) and delays (N,), metres, with derivatives if wanted."""
+        """Return the term at positions (N, D) and delays (N,), metres, with derivatives if wanted.
+
+        log_speed : logarithm of the sound speed over that of the measurement
+        """
         (N, D), T = positions.shape, len(self.paths)
         z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, self.dimension - D)))
         arrived = self.paths * np.exp(log_speed)
@@ -306,7 +311,7 @@ ROUNDS = 15  # iterations of positions and sigma in `near_positions`
 def near_positions(
     arrivals: Arrivals, positions: np.ndarray, spread: float, constrained: Integers
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the positions (N, D) near `positions` that fit the arrivals best, and the sigma (T,) of these, metres.
+    """Return the positions (N, D) near `positions` that fit the arrivals best, and the arrivals' sigma (T,), metres.
 
     spread : one sigma of a coordinate of `positions`, metres; constrained : (A,) int64, microphones that do not move
     """
@@ -334,9 +339,9 @@ MAX_CHANGE = 4.0  # largest factor by which one update changes sigma
 def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
     """Return the sigma (T,), metres, of the arrivals, by empirical Bayes (MacKay).
 
-    It is the sum of the squared residuals over the number of residuals that the positions are not free to fit; the
-    stated sigma counts as `PRIOR_COUNT` of them. Outliers are left out, because the estimated scale of a Student t
-    distribution is wrong without limit if a fraction 1 / (1 + NU) of the values are outliers.
+    Its square is the weighted sum of the squared residuals over the number of residuals that the positions are not free
+    to fit; the stated sigma counts as `PRIOR_COUNT` further residuals. Outliers are left out, because the error of the
+    estimated scale of a Student t distribution has no limit if a fraction 1 / (1 + NU) of the values are outliers.
 
     covariance : (F, F) float64, of the unknowns that the arrivals depend on
     """

@@ -1,7 +1,7 @@
 """Tests whether given positions contradict the pressures; wrong ones are then ignored and exchanged ones corrected.
 
-Where given positions and pressures agree, nothing changes. Otherwise the array is found without given positions,
-several hypotheses on them are compared, and the next steps use the positions that the likeliest one takes as right.
+If given positions and pressures agree, nothing changes. Otherwise the array is found without given positions, several
+hypotheses on them are compared, and the next steps use the positions that the likeliest hypothesis takes as right.
 
     b = x + G t + d + e,   d ~ N(0, P),   e ~ N(0, s^2 I)
 
@@ -42,7 +42,7 @@ INACCURATE = 2.0
 
 
 def resolved(problem: Problem, state: State) -> State:
-    """Return `state` with the likeliest hypothesis on the given positions where the present one does not fit."""
+    """Return `state` with the likeliest hypothesis on the given positions if the present hypothesis does not fit."""
     exact = state.model.known_sigma == 0
     if exact or len(problem.known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return state
@@ -114,8 +114,8 @@ def _released(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-# If the given positions would disagree by chance as much as they do with more than this probability, they are not
-# examined further, to save time.
+# If the probability that the given positions would by chance disagree at least as much as they do exceeds this, they
+# are not examined further, to save time.
 AGREE = 0.2
 
 
@@ -139,17 +139,17 @@ def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
     return bool(np.array_equal(a.contradicted, b.contradicted) and np.array_equal(a.places, b.places))
 
 
-# A given position is not used to move the array onto the given positions if its distance from the array exceeds this
-# times the median distance, or sigma if that is larger. Without this rule 1 of 32 arrays with wrong given positions is
-# not found.
+# When the array is moved onto the given positions, a position is left out if its distance from its microphone exceeds
+# this number times the median distance, or times sigma if that is larger. Without this rule 1 of 32 arrays with wrong
+# given positions is not found.
 GIVEN_OUTLIER = 3.0
 
 
 def anchored(problem: Problem, state: State) -> np.ndarray:
-    """Return the array (N, D), metres, moved as a whole onto the given positions except outliers among them.
+    """Return the array (N, D), metres, moved as a whole onto the given positions, of which outliers are left out.
 
-    The pressures do not fix the array as a whole, and with little noise the prior of the given positions is too weak to
-    move it in the last steps. An array with exact given positions stays as it is.
+    The pressures do not determine the position of the array as a whole, and with little noise the prior of the given
+    positions is too weak to move it in the last steps. An array with exact given positions stays as it is.
     """
     x, (known, given) = state.positions, objectives.constrained_positions(problem, state)
     if state.model.known_sigma == 0:
@@ -174,8 +174,9 @@ class FreeArray:
 def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
     """Return the minimum without given positions near `state`, after `steps` steps at most.
 
-    With 0 steps it is the minimum of the quadratic at `state`. `terms` are those of the likelihood at `state`, with its
-    field and with the weakened one; they are computed unless given. LinAlgError where a covariance is singular.
+    With 0 steps it is the minimum of the quadratic approximation at `state`. `terms` are the two results of the
+    likelihood at `state`, with its own field and with that of `Objective.weakened`; they are computed unless given.
+    Raises LinAlgError if a covariance is singular.
     """
     objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
     objective = replace(objective, priors=objective.priors.without_given())
@@ -242,8 +243,8 @@ MAX_SIGMA = 0.04
 def mirror_advantage(problem: Problem, state: State, found: FreeArray) -> float:
     """Return by how many nats the array `found` is likelier than its mirror image, given the positions in use.
 
-    It is small if these lie on a line (in space, in a plane) to within their accuracy and that of the array. It is
-    infinite where too few are given to compare the two.
+    The difference is small if the given positions lie on a line (in space, in a plane) within their accuracy and that
+    of the array. It is infinite if too few positions are given to compare the two arrays.
     """
     known, places = objectives.constrained_positions(problem, state)
     if len(known) <= problem.array_dimension or objectives.given_carry_scale(problem):

@@ -37,8 +37,9 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
 # largest number of modes, evenly spaced, from which the noise is estimated; with all modes the estimate takes three
 # times as long, and the error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
-# The reported noise is used if it is within this factor of the estimate. If it were always used, one array, whose error
-# is now 2.6 mm, would not be found; if it were never used, the error of an array in space would grow from 16 to 20 mm.
+# The reported noise is used if it is within this factor of the estimate. If it were always used, one array, which is
+# found with an error of 2.6 mm, would not be found; if never, the error of an array in space would grow from 16 to
+# 20 mm.
 BELIEVED = 2.0
 
 
@@ -62,7 +63,7 @@ def with_noise(problem: Problem, state: State, rough: bool = True) -> State:
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
-    """Return the noise power (M,) in the settings or the measurement; None without any, or if it must not be used."""
+    """Return the noise power (M,) in the settings or the measurement; None if none is given or none may be used."""
     if state.settings.snr_db is not None:
         return np.full(len(problem.pressures), 1 / (1 + 10 ** (state.settings.snr_db / 10)))
     return problem.noise_power if state.settings.noise == "reported" else None
@@ -260,7 +261,8 @@ def healthy(model: Model) -> np.ndarray:
     return model.channel_noise < SUSPICIOUS
 
 
-SILENT_GAIN = -3.0  # nepers; a dead channel can look like one of a much lower gain that stands far outside
+# nepers, log gain below which a channel counts as silent: a dead channel can fit as one of low gain far outside
+SILENT_GAIN = -3.0
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
@@ -282,8 +284,9 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
 
 
-# The imaginary part of k is used if (Im k R)^2 over the noise fraction exceeds this. If it were always used, the errors
-# of 2 of 75 arrays would grow, from 1.0 to 1.1 mm and (for a blind circle) from 45 to 80 mm.
+# The imaginary part of k is used if (Im k R)^2 over the noise fraction exceeds this, where R is the RMS radius of the
+# array. If it were always used, the errors of 2 of 75 arrays would grow: from 1.0 to 1.1 mm, and from 45 to 80 mm for a
+# circle without given positions.
 DAMPED = 0.1
 
 
@@ -310,10 +313,10 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# Weight, as a number of observations, that the power by direction of a take has in that of each of its rows. It is
-# lower in two dimensions, because the modes of a plate differ more than the frequencies of a room. If all rows of a
-# take had the same power by direction, the errors of 9 of 27 arrays would be 4 to 160 % larger; if all takes had the
-# same, a measured array would end 71 mm away.
+# Weight, as a number of observations, that the power by direction of a take has in that of each of its rows, by the
+# dimension of the field. It is lower in two dimensions, because the modes of a plate differ more than the frequencies
+# of a room. If all rows of a take had the same power by direction, the errors of 9 of 27 arrays would be 4 to 160 %
+# larger; if all takes had the same one, the error of a measured array would be 71 mm.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 

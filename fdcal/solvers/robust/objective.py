@@ -14,7 +14,8 @@ Gains and given positions have Student t priors of NU degrees of freedom,
 
     -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
 
-where e is the deviation and d its number of components. Their long tails let the other entries overrule a wrong one.
+where e is the deviation and d its number of components. Because of their long tails, a wrong gain or given position
+hardly moves the others.
 In the Gauss-Newton matrix such a prior has the weight w = (NU + d) / (NU sigma^2 + e^2). Positions that are
 given exactly have no prior: their coordinates are not free (`Objective.free`).
 
@@ -324,15 +325,15 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
-# Where only given positions fix the scale: one sigma of each of their coordinates, metres, and the degrees of freedom
-# of their prior, which is then nearly Gaussian. With a sigma of 3 mm the errors grow from 1.0 to 2.3 mm; with 3 degrees
-# of freedom the error of 1 of 6 plane arrays in space grows from 7 to 70 mm.
+# For plane arrays in space, whose scale only given positions fix: one sigma of each given coordinate, metres, and the
+# degrees of freedom of the prior of these positions, which is nearly Gaussian. With a sigma of 3 mm the errors of such
+# arrays grow from 1.0 to 2.3 mm; with 3 degrees of freedom the error of 1 of 6 of them grows from 7 to 70 mm.
 CARRYING_SIGMA = 1e-3
 CARRYING_TAIL = 1e6
 
 
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
-    """Return one sigma of a given coordinate, metres, at the start, which is also the usual maximum; 0 if exact."""
+    """Return one sigma of a given coordinate, metres, at the start; usually it can only fall later. 0 if exact."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
     return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA
@@ -438,7 +439,7 @@ class ChannelStep:
     cost: float  # infinite where a covariance is singular
     decrease: float  # of the cost
     damping: float  # damping of the next step
-    moved: float  # metres, greatest change of a coordinate
+    moved: float  # metres, largest change of a coordinate
     free: np.ndarray  # see `Objective.free`
     terms: Terms | None = None  # None where a covariance is singular
     matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None without `terms`
@@ -504,7 +505,8 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, priors: Prio
     return g[free], H[np.ix_(free, free)]
 
 
-# least eigenvalue of the scaled Gauss-Newton matrix, dimensionless; directions below it are practically undetermined
+# Smaller eigenvalues of the scaled Gauss-Newton matrix, dimensionless, are raised to this; their directions are
+# practically undetermined.
 MIN_EIGENVALUE = 1e-13
 
 

@@ -142,8 +142,8 @@ def _agreement(
 ) -> float:
     """Return the probability that given positions and pressures disagree by chance as much as they do.
 
-    Minimisations are costly and done only where the linear estimate of this probability is low. `excess` is e of the
-    module.
+    S needs minimisations, which are costly. They are only done if the linear estimate of this probability is low.
+    `excess` is e of the module docstring.
     """
     D = here.positions.shape[1]
     freedom = len(constrained.priors.known) * D - D * (D + 1) // 2

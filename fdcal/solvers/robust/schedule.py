@@ -50,7 +50,8 @@ def begin(
 def next_restart(problem: Problem, state: State) -> State:
     """Return the beginning of the next part of a run.
 
-    It is the search if there was none, or else a restart at the most likely start that is left, or else the last stage.
+    If there was no search yet, the search begins. Otherwise a restart begins at the most likely of the remaining
+    starts or, if none remains, the last stage begins.
     """
     if state.starts is None:
         return search.begin(problem, state)
@@ -165,8 +166,8 @@ def _next_final(end: StageEnd) -> State:
 def with_windows(problem: Problem, state: State) -> State | None:
     """Return the last stage with a term of the short windows, at the array that they determine.
 
-    It is None if they do not determine the array. The likelihood of the long rows is divided by a factor with which its
-    weight agrees with the covariance that the result states.
+    The result is None if the windows do not determine the array. The likelihood of the long rows is divided by a factor
+    that makes its weight agree with the covariance that the result states for these rows.
     """
     if problem.windows is None:
         return None

@@ -21,9 +21,9 @@ from .stages import begin_restart, begin_stage, in_frame, moved_once
 from .state import FREE, GAINS, SEARCH, FittedStart, State
 
 MAX_RESTARTS = 4  # largest number of different arrays that are refined
-# The search ends when this number of starts have ended at the most likely array. With 3 instead of 4, two of 18 field
-# cases are not found. Two starts are enough if no start has ended elsewhere: in 231 such field cases no other array was
-# more likely.
+# The search ends when this number of starts have ended at the most likely array. With 3 instead of 4, the arrays of two
+# of 18 cases of the suite `benchmarks field` are not found. Two starts are enough if no start has ended elsewhere: in
+# 231 such cases no other array was more likely.
 AGREEING = 4
 WORSE = 100.0  # nats; an array whose cost is higher than the lowest one by more than this is not refined
 # Two arrays are different if the positions of a healthy microphone in them differ by more than this, in units of the
@@ -109,7 +109,7 @@ def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, s
 
 
 def _with_start(problem: Problem, state: State, one: starts.Start, x: np.ndarray) -> tuple[FittedStart, ...]:
-    """Return the arrays found so far, and the one at which the start at `x` (N, D), metres, ends, most likely first.
+    """Return all arrays found, including that at which the start at `x` (N, D), metres, ends, the most likely first.
 
     A start that does not depend on the given positions is only aligned with them after its fit, so that a wrong given
     position does not deform it.

@@ -81,7 +81,10 @@ def claim_of(problem: Problem, state: State) -> Claim:
 def _of_data(
     problem: Problem, state: State, objective: Objective, likely: Quadratic, gauge: Reals, counted: Bools
 ) -> tuple[Reals, float]:
-    """Return Q of the module (N D, N D), and tr J / tr Q over the `counted` (N D,) bool; 1 with too few blocks."""
+    """Return Q of the module docstring (N D, N D), and tr J / tr Q, which is 1 if there are too few blocks.
+
+    counted : (N D,) bool, coordinates over which the traces are taken; gauge : (N D, N D), result of `_gauge`
+    """
     here, index = likely.unknowns, np.ix_(likely.free, likely.free)
     order = np.argsort(problem.takes[objectives.used_modes(problem, state)], kind="stable")
     blocks = np.array_split(order, max(1, min(BLOCKS, len(order) // 2)))
@@ -135,10 +138,10 @@ def _of_arrivals(here: Unknowns, objective: Objective) -> Iterator[tuple[np.ndar
 
 
 def _gauge(problem: Problem, positions: Reals, counted: Bools) -> np.ndarray:
-    """Return the projection (N D, N D) that removes rigid motions, those of the frame or else of healthy microphones.
+    """Return the projection (N D, N D) that removes the rigid motions of an array; the identity with given positions.
 
-    counted : (N D,) bool, coordinates of the healthy microphones. The position found for a dead channel is arbitrary
-    and would move the array as a whole.
+    The array is held fixed in its frame or, without a frame, at the coordinates `counted` (N D,) bool, those of the
+    healthy microphones. The position found for a dead channel is arbitrary and would move the array as a whole.
     """
     size = positions.size
     if len(problem.known):

@@ -36,11 +36,13 @@ from ..starts import coherence_start
 
 MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
 # largest ratio of the diameter of the array to the path of sound during one window. In a larger array a reflection
-# falls into different windows at the two ends, which the covariance neglects: with windows of 30 ms the error of an
-# array of 3 m is 49 instead of 8 mm. The errors of arrays of 1.6 m are 5 to 30 mm, and without windows 15 to 118 mm.
+# falls into different windows at the two ends, which the covariance neglects. An array of 3 m, for which windows of
+# 30 ms are too short, has an error of 49 mm with this term and of 8 mm without it. Arrays of 1.6 m have errors of 5 to
+# 30 mm with it and of 15 to 118 mm without it.
 MAX_DIAMETER = 0.2
-# covariance of the result over that of the fit. The spectrum has few parameters, and all windows share its misfit:
-# without this factor the errors of simulated and measured arrays are 2.2 times the claimed sigma, at the median
+# covariance of the result over that of the fit. The spectrum has few parameters, and its misfit is the same in all
+# windows, so that more windows do not reduce its effect. Without this factor the median error of simulated and measured
+# arrays is 2.2 times the claimed sigma.
 COVARIANCE_INFLATION = 4.0
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
@@ -48,18 +50,19 @@ STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
 MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
-# nats; a stage ends when the cost falls by less. With 0.2 instead of 0.05 one circle of 8 microphones is not
-# recognised as flat, and its error is 10 instead of 5 mm.
+# nats; a stage, or the last stage, ends when a step lowers the cost by less than this. With 0.2 instead of 0.05 one
+# circle of 8 microphones is not recognised as flat, and its error grows from 5 to 10 mm.
 DECREASE, LAST_DECREASE = 10.0, 0.05
-# nats over the dispersion by which one more wave must decrease the cost. Only every second frequency is used for this,
-# to save time. The ninth wave of a ball of 32 microphones in a dry room brings 100, and the error falls; the
-# second of a circle of 8 brings 30, and the error stays
+# smallest decrease of the cost, nats over the dispersion, for which one more wave is kept. Only every second frequency
+# is used for this, to save time. For a ball of 32 microphones in a dry room, the ninth wave decreases the cost by 100,
+# and the error falls; for a circle of 8, the second wave decreases it by 30, and the error does not change
 WAVE_NATS = 50.0
 MAX_WAVES = 10  # largest number of waves of a take
 ROUNDS = 2  # iterations of the dispersion lambda
-# nats over the dispersion: the largest difference of the costs of two arrays that the misfit of the model can cause. A
-# level circle can seem upright by up to 43. In a ball of 32 with the source near the middle of the room, moving one
-# microphone to its mirror image raises the cost by 35 to 70; in other balls by 210 or more
+# nats over the dispersion: the largest difference of the costs of two arrays that the misfit of the model can cause. If
+# a level circle is assumed to be upright, the cost can be lower by up to 43. Moving one microphone of a ball of 32 to
+# its mirror image raises the cost by 35 to 70 if the source is near the middle of the room, and by 210 or more in other
+# balls
 MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of two places of a microphone, times LOW_BAND: a quarter of a wavelength
@@ -71,7 +74,7 @@ ZERO = 1e-6  # relative eigenvalue of the information below which only the prior
 
 @dataclass(frozen=True)
 class WindowTerm:
-    """The quadratic term S of the module."""
+    """The quadratic term S of the module docstring."""
 
     positions: Reals  # (N, D) float64, metres, x_s
     precision: Reals  # (N D, N D) float64, 1/m^2, A; 0 for microphones whose windows are not used
@@ -144,7 +147,8 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
     x = np.array(positions)
     try:
         likelihood, field, axes = fitted(likelihood, starts)
-        # Where there are arrival times or a given position, these decide between two places.
+        # Other places are only sought for microphones without a given position, and only without arrival times, because
+        # these decide between two places.
         sought = np.isin(np.flatnonzero(counted), problem.known, invert=True) & (problem.arrivals is None)
         field, other = with_rival(likelihood, field, axes, sought)
         covariance, found = covariance_of(likelihood, field, axes), field.positions[:, axes]
@@ -163,10 +167,10 @@ def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bool
 
 
 def precision_of(covariance: Reals, positions: Reals) -> np.ndarray:
-    """Return the inverse (N D, N D), 1/m^2, of a covariance without rigid motions; these have no precision.
+    """Return the inverse (N D, N D), 1/m^2, of a covariance without rigid motions; along these the precision is 0.
 
-    A pseudo-inverse would take the rounding errors of the motions for a very small variance. LinAlgError if the
-    covariance is singular otherwise.
+    A pseudo-inverse would take the rounding errors of the motions for a very small variance. Raises LinAlgError if the
+    covariance is singular in other directions, too.
     """
     motions = np.linalg.qr(rigid_motions(positions))[0]
     moved, variance = motions @ motions.T, float(np.trace(covariance)) / len(covariance)
@@ -260,7 +264,7 @@ def _of_groups(likelihood: ShortLikelihood, kept: Bools) -> ShortLikelihood:
 def with_rival(
     likelihood: ShortLikelihood, field: ShortField, axes: Integers, sought: Bools
 ) -> tuple[ShortField, np.ndarray | None]:
-    """Return the likeliest field, and another array (N, D), metres, that the windows can hardly tell from it, if any.
+    """Return the likeliest field, and another array (N, D), metres, that fits the windows about as well, or None.
 
     In the other array one of the microphones that are `sought`, (N,) bool, stands elsewhere. If the source is near a
     plane of symmetry of the room, so is the field, and a microphone beyond that plane may stand at its mirror image.
@@ -364,7 +368,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
 def _correlated(windows: ShortWindows) -> np.ndarray:
     """Return which microphones have a clear coherence with another one at the lowest frequencies : (N,) bool.
 
-    A dead channel has none, and would be found anywhere.
+    A dead channel has no coherence with the others, so that the position found for it would be arbitrary.
     """
     p = windows.pressures[np.argsort(windows.frequencies)[:LOWEST_GROUPS]]
     spectra = p.swapaxes(1, 2) @ np.conj(p)
@@ -377,7 +381,7 @@ def _correlated(windows: ShortWindows) -> np.ndarray:
 def _dispersion(
     likelihood: ShortLikelihood, field: ShortField, axes: Integers, spectrum: int, channels: bool = False
 ) -> float:
-    """Return lambda of the module, at least 1."""
+    """Return lambda of the module docstring, at least 1."""
     here = replace(likelihood, dispersion=1.0).terms(field, free_parameters(field, axes, channels, spectrum))
     (values, vectors), scores = np.linalg.eigh(here.fisher), here.scores - here.scores.mean(axis=0)
     kept = values > ZERO * values[-1]
