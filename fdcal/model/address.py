@@ -53,7 +53,10 @@ ADDRESS = {  # key: regular expression of its values, as Python and JavaScript r
 
 
 def parse_address(text: str) -> dict[str, str]:
-    """Return the parts of an address by their keys; InputError for a key or a value that an address cannot have."""
+    """Return the parts of an address by their keys.
+
+    Raises InputError for a key or a value that an address cannot have, or for a key that is given twice.
+    """
     parts: dict[str, str] = {}
     for key, value in parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True):
         again = key in parts or (key in UNITS and unit_of(parts))
@@ -65,5 +68,5 @@ def parse_address(text: str) -> dict[str, str]:
 
 
 def unit_of(parts: Mapping[str, str]) -> Unit | None:
-    """Return the unit in which an address gives the number of a state; None if it does not."""
+    """Return the unit in which an address gives the number of a state; None if it gives no such number."""
     return next((unit for unit in UNITS if unit in parts), None)

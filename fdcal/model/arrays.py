@@ -18,7 +18,7 @@ from .validation import InputError, frozen_array, point_text, refusal
 def positions_of(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones : (N, D) float64, read-only, metres.
 
-    In a simulated room they are cell centres. D is 2 for a plane array, whose height is left out. InputError for
+    In a simulated room they are cell centres. D is 2 for a plane array, whose height is left out. Raises InputError for
     impossible positions, walls, source or known microphones.
     """
     if scene.room.dimension == 3:
@@ -108,7 +108,10 @@ def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.nda
 
 
 def positions_3d(scene: Scene) -> np.ndarray:
-    """Return the positions of a scene's microphones in space : (N, 3) float64, metres; InputError as `positions_of`."""
+    """Return the positions of a scene's microphones in space : (N, 3) float64, metres.
+
+    Raises InputError for impossible positions.
+    """
     positions = geometry(scene.array, np.random.default_rng([scene.seed, 0]))
     _require_apart(positions, "move one of them")
     if scene.room.response is None:

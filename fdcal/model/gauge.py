@@ -151,7 +151,7 @@ def in_frame(positions: Reals, frame: str) -> np.ndarray:
         axes = np.zeros((0, apart.shape[1]))
         for vector, least in candidates:
             rest = vector - axes.T @ (axes @ vector)
-            rest = rest - axes.T @ (axes @ rest)  # removes rounding
+            rest = rest - axes.T @ (axes @ rest)  # removes rounding errors
             if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
                 axes = np.vstack([axes, rest / np.linalg.norm(rest)])
         return apart @ axes.T

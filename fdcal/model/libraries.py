@@ -60,10 +60,11 @@ def call(
     processor_seconds: int | None = None,
     memory: int | None = None,
 ) -> Any:
-    """Return what a function of a module returns in a process of its own, or raise its InputError or OSError.
+    """Call a function in a process of its own; return its result, or raise the InputError or OSError that it raises.
 
-    The function is one of a module, because it is pickled. ProcessError if the process crashes or exceeds a limit:
-    `seconds` of wall-clock time, `processor_seconds`, or `memory`, bytes of address space.
+    The function is pickled and must therefore be defined at the top level of a module. Raises ProcessError if the
+    process crashes or exceeds a limit: `seconds` of wall-clock time, `processor_seconds`, or `memory`, bytes of address
+    space.
     """
     package = str(Path(__file__).resolve().parents[2])
     paths = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
@@ -100,7 +101,7 @@ BYTES = 4_000_000_000  # largest address space of the process
 
 
 def isolated_call(path: str | Path, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a function in a process of its own and return its result; InputError that names `path` if it fails."""
+    """Call a function in a process of its own and return its result; if it fails, raise InputError with `path`."""
     try:
         return call(function, *arguments, seconds=SECONDS, processor_seconds=PROCESSOR_SECONDS, memory=BYTES)
     except ProcessError as error:

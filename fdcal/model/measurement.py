@@ -1,8 +1,8 @@
-"""A measurement: pressures, and what is known about them. True positions, if it has them, serve for comparison only.
+"""A measurement: pressures, and what is known about them. True positions, if it has them, are for comparison only.
 
 The `Problem` that a solver gets has no true positions. A measurement is checked when it is made. Known or true
-positions may also be given later, by name or in the order of the channels. Its .npz file is a public format
-(docs/reference/files.md).
+positions may also be added later, by name or in the order of the channels. The .npz file of a measurement is a public
+format (docs/reference/files.md).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .validation import LIMITS, InputError, convert, frozen_array, naming, refus
 LATEST_ARRIVAL = 1e4  # seconds
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
 ROUNDING = 1e-9  # relative to a wavenumber: a smaller imaginary part may have either sign
-CERTAIN = 6.0  # sigmas by which the power of noise may be below its mean by chance
+CERTAIN = 6.0  # number of sigmas by which the power of noise may by chance be below its mean
 DUPLICATE = 1e-9  # difference of two channels up to a factor, relative to their norm, below which they are copies
 PARALLEL = 1e-6  # 1 - abs(correlation) up to which the difference of two channels is computed
 
@@ -45,26 +45,26 @@ class Measurement:
     frequencies : (M,) float64
         Hz, ascending. Rows of several takes, or of several sources of one take, may have equal frequencies.
     pressures : (M, N) complex128
-        In any unit, which must be the same for all, since recordings are not calibrated.
+        In any unit common to all of them; recordings need not be calibrated.
     sound_speed : float
         c, m/s. If `dataclasses.replace` changes it, wavenumbers that were not given are computed again; those that were
         given must be given again, or None.
     dimension : int
-        Of the sound field, 2 or 3.
+        Dimension of the sound field, 2 or 3.
     array_dimension : int, optional
-        D of all positions, 2 or 3; `dimension` unless given.
+        Number D of coordinates of every position, 2 or 3; `dimension` unless given.
     wavenumbers : (M,) complex128, optional
         k, rad/m, time sign exp(+j w t); 2 pi f / c unless given.
     noise_power : (M,) float64, optional
-        In the unit of abs(pressures)**2.
+        Mean power of the noise in the pressures of each row, in the unit of abs(pressures)**2.
     names : (N,) tuple of str, optional
-        "0", "1", ... unless given.
+        Names of the microphones; "0", "1", ... unless given.
     positions : (N, D) float64, optional
         True positions, metres, which errors are computed with; no solver gets them.
     known : (A,) int64
         Indices of known microphones, in any order; they are sorted.
     known_positions : (A, D) float64, optional
-        Metres; the default are the true positions.
+        Positions of the known microphones, metres; the true positions unless given.
     search : Search, optional
         Lattice of candidates and expansion radius.
     spectrum : (2, F) or (1 + T, F) float64, optional
@@ -132,7 +132,7 @@ class Measurement:
         if self.origin is not None and k is self.origin[0]:  # this is a call of `dataclasses.replace`
             _, of_speed, derived = self.origin
             if not derived and of_speed != self.sound_speed:
-                speeds = f"sound_speed = {self.sound_speed:g} m/s, and the wavenumbers belong to {of_speed:g} m/s"
+                speeds = f"sound_speed = {self.sound_speed:g} m/s, but the wavenumbers belong to {of_speed:g} m/s"
                 remedy = "give <wavenumbers>, too: those of the new speed, or None for 2 pi f / c"
                 raise InputError(speeds, remedy, key="wavenumbers")
         k = 2 * np.pi * self.frequencies / self.sound_speed if derived else k
@@ -173,7 +173,7 @@ class Measurement:
         steps = np.diff(self.frequencies)
         if np.any(self.frequencies <= 0) or np.any(steps < 0) or (not several and np.any(steps == 0)):
             problem = "frequencies must be above zero and ascending" + ("" if several else ", each once")
-            remedy = "sort them (and the pressures)" + ("" if several else "; of several takes give 'takes', too")
+            remedy = "sort them (and the pressures)" + ("" if several else "; with several takes give 'takes', too")
             raise InputError(problem, remedy, key="frequencies")
         _require_usable(self)
 
@@ -198,13 +198,13 @@ class Measurement:
         frequencies : (M,) array_like
             Hz, ascending.
         pressures : (M, N) array_like, complex
-            In any unit, of microphones that recorded at the same time.
+            In any unit common to all of them, of microphones that recorded at the same time.
         sound_speed : float
             m/s; 343.2 at 20 degrees Celsius.
         dimension : int
-            Of the sound field: 3 in a room, 2 over a plate.
+            Dimension of the sound field: 3 in a room, 2 over a plate.
         names : (N,) sequence of str, optional
-            "0", "1", ... unless given.
+            Names of the microphones; "0", "1", ... unless given.
         positions : (N, D) array_like, optional
             True positions, metres, which errors are computed with; no solver gets them.
         known : mapping or sequence, optional
@@ -251,8 +251,9 @@ class Measurement:
         Parameters
         ----------
         measurements : sequence of Measurement
-            Of the same microphones, in the same order, none of which was moved in between. Each measurement becomes a
-            take, or several if it has several. Known and true positions are those of the first that has any.
+            Measurements of the same microphones, in the same order, none of which was moved in between. Each
+            measurement becomes a take, or several if it has several. Known and true positions are those of the first
+            measurement that has any.
 
         Returns
         -------
@@ -412,7 +413,7 @@ class Measurement:
         positions : (N, D) array_like
             Metres.
         by : slice or index array
-            As of `aligned_truth`.
+            As in `aligned_truth`.
 
         Returns
         -------
@@ -482,7 +483,7 @@ def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarr
 def _checked_arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), seconds; None, None without any."""
+    """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), seconds; two None without any."""
     if times is None:
         if sigma is not None:
             raise InputError("arrival_sigma is given without arrivals", "add them", key="arrival_sigma")
@@ -493,7 +494,7 @@ def _checked_arrivals(
         raise InputError(f"arrivals has shape {array.shape}", f"give {least} rows, one for each take", key="arrivals")
     latest = float(np.nanmax(np.abs(array), initial=0.0))
     if latest > LATEST_ARRIVAL:
-        raise InputError(f"arrivals = {latest:.3g} s is too late", f"stay within {LATEST_ARRIVAL:g} s", key="arrivals")
+        raise InputError(f"arrivals = {latest:.3g} s is too late", f"use up to {LATEST_ARRIVAL:g} s", key="arrivals")
     sigma = ARRIVAL_SIGMA / speed if sigma is None else sigma
     if np.ndim(sigma) == 0:
         sigma = np.full(rows, convert(np.asarray(sigma).item(), Seconds, "arrival_sigma"))
@@ -563,7 +564,7 @@ def _require_usable(measurement: Measurement) -> None:
     # of noise alone has a gamma distribution of shape n (Wilson-Hilferty approximation).
     largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
     power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
-    with np.errstate(over="ignore"):  # squared after the division: no unit leaves the range of floats
+    with np.errstate(over="ignore"):  # squared after the division, so that no unit leaves the range of floats
         ratio = np.minimum((np.sqrt(noise) / largest) ** 2 / power, 1e30)
     m, every = int(ratio.argmax()), 1 / np.mean(1 / np.maximum(ratio, 1e-30))
     for worst, n, where in ((ratio[m], measurement.count, f"at {f[m]:g} Hz"), (every, values.size, "on average")):
@@ -604,7 +605,7 @@ def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[st
 
 
 def microphone_index(text: str, names: Sequence[str], key: str) -> int:
-    """Return the number, from 0, of the microphone with a name or number; InputError for `key` if there is none."""
+    """Return the number, from 0, of the microphone with this name or number; raise InputError if there is none."""
     names = list(names)
     if text in names:
         return names.index(text)
@@ -634,7 +635,7 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
 
 
 def with_different_takes(measurement: Measurement) -> Measurement:
-    """Return the measurement; InputError if each row of a take is a multiple of the same row of another take."""
+    """Return the measurement; raise InputError if all rows of a take are multiples of the rows of another take."""
     unit = measurement.pressures / np.abs(measurement.pressures).max(axis=1)[:, None]  # no square overflows
     unit = unit / np.linalg.norm(unit, axis=1)[:, None]
     rows = [np.flatnonzero(measurement.takes == take) for take in np.unique(measurement.takes)]
@@ -642,7 +643,7 @@ def with_different_takes(measurement: Measurement) -> Measurement:
         if len(one) != len(other) or not np.allclose(measurement.frequencies[one], measurement.frequencies[other]):
             continue
         if np.all(np.abs(np.sum(unit[one].conj() * unit[other], axis=1)) > 1 - DUPLICATE):
-            raise InputError(f"takes {a} and {b} are copies up to factors", "give each take once", key="takes")
+            raise InputError(f"takes {a} and {b} are copies, except for factors", "give each take once", key="takes")
     return measurement
 
 
@@ -687,7 +688,7 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     rows = np.zeros((len(numbers), D))
     for row, number, position in zip(rows, numbers, given, strict=True):
         if position is None:
-            raise InputError(f"microphone {names[number]} has no position", "give a mapping as <known>", key="known")
+            raise InputError(f"microphone {names[number]} has no position", "give it in <known>", key="known")
         row[:] = require_array("known", position, "real", (D,), f"metres, for {names[number]}")
     return replace(measurement, known=numbers, known_positions=rows)
 
@@ -722,7 +723,7 @@ def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -
 
 
 def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:
-    """Return the row of `given` for each of `names`."""
+    """Return for each of `names` the index of its row among `given`, by name or else by order."""
     if set(names) <= set(given):
         return [list(given).index(name) for name in names]
     if len(given) == len(names):

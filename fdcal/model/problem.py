@@ -1,4 +1,4 @@
-"""What a solver gets of a measurement, without true positions; and the gains and noise of channels that it returns."""
+"""The part of a measurement that a solver gets, without true positions; gains and noise of channels that it finds."""
 
 import functools
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ def mode_power(pressures: Numbers) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class ShortWindows:
-    """Spectra of many short Hann windows of a recording, in groups of one take and frequency each.
+    """Spectra of many short Hann windows of recordings, in groups, each of one take and one frequency.
 
-    InputError if shapes disagree or a value is not finite.
+    Raises InputError if shapes disagree or a value is impossible.
     """
 
     frequencies: np.ndarray  # (G,) float64, Hz
@@ -41,7 +41,7 @@ class ShortWindows:
         put("pressures", frozen_array(pressures, np.complex64))
         put("length", convert(self.length, Seconds, "short_length"))
         if np.any(self.frequencies <= 0) or np.any(self.takes < 0):
-            raise InputError("short_frequencies or short_takes are negative", "leave them out", key="short_frequencies")
+            raise InputError("short_frequencies <= 0 or short_takes < 0", "correct them", key="short_frequencies")
 
     def of_microphones(self, chosen: np.ndarray) -> "ShortWindows":
         """Return the windows of some microphones, indices (n,) or a mask (N,)."""
@@ -56,7 +56,10 @@ class ShortWindows:
 
 
 def joined_windows(parts: Sequence[ShortWindows | None], firsts: Sequence[int]) -> ShortWindows | None:
-    """Return the windows of several measurements; `firsts`: number of the first take of each."""
+    """Return the windows of several measurements together; None if there are none.
+
+    `firsts` are the numbers that the first takes of the measurements get.
+    """
     some = [(one, int(first)) for one, first in zip(parts, firsts, strict=True) if one is not None]
     if not some:
         return None

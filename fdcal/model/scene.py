@@ -68,7 +68,7 @@ class Room:
     # three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells
     size: tuple[Metres, ...] | None = None
     outline: tuple[Point, ...] | None = None  # corners of the floor in order, metres
-    walls: str = ""  # one of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room
+    walls: str = ""  # one of WALLS, rigid unless given; UNKNOWN_WALLS in a measured room
     admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls, dimensionless
     sound_speed: MetresPerSecond = 343.0  # c
     cell: Metres | None = None  # h, edge of one FDTD cell; 0.02 unless given. A box has none.
@@ -202,7 +202,7 @@ class Source:
             if pulsed:
                 object.__setattr__(self, key, default if value is None else value)
         if pulsed and not self.band.low < self.band.high < self.band.sample_rate / 2:
-            why = f"is not in source.low = {self.low:g} Hz to half of source.sample_rate = {self.sample_rate:g} Hz"
+            why = f"is not between source.low = {self.low:g} and half of source.sample_rate = {self.sample_rate:g} Hz"
             raise refusal("source.high", self.high, why, "change one of the three", "Hz")
 
     @property
@@ -278,7 +278,7 @@ class Scene:
         Parameters
         ----------
         table : dict
-            Of the file.
+            Table of the file.
 
         Returns
         -------
@@ -314,11 +314,11 @@ class Scene:
         for key in ("inverted", "dead"):
             for n in getattr(self.faults, key):
                 if not 0 <= n < self.array.number:
-                    raise refusal(f"faults.{key}", n, "is no microphone", f"use 0 to {self.array.number - 1}")
+                    raise refusal(f"faults.{key}", n, "is not a microphone", f"use 0 to {self.array.number - 1}")
         D = self.room.dimension
         if self.room.response is not None:
             if self.source is not None:
-                raise InputError("source has no meaning: a measured room had its own", "remove it", key="source")
+                raise InputError("source has no meaning in a room that was measured", "remove it", key="source")
         elif len(self.emitter.places[0]) != D:
             key, position = self.emitter.keys[0], self.emitter.places[0]
             raise refusal(key, list(position), f"is not in a room of {D} lengths", f"give {D} coordinates")
@@ -339,7 +339,7 @@ class Scene:
             if not band.low <= sensing.lowest < sensing.highest <= band.high:
                 problem = f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz"
                 problem += f" exceeds source.low = {band.low:g} Hz to source.high = {band.high:g} Hz"
-                raise InputError(problem, "narrow the one or widen the other", key="measurement.highest")
+                raise InputError(problem, "narrow the first band or widen the second", key="measurement.highest")
         elif self.array.number > LIMITS.microphones_3d:
             raise refusal("array.count", self.array.number, "is too large", f"use at most {LIMITS.microphones_3d}")
 

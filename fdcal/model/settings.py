@@ -42,7 +42,7 @@ class Sensing:
         check(self, "measurement.")
         if not self.lowest < self.highest:
             why = f"is not below measurement.highest = {self.highest:g} Hz"
-            raise refusal("measurement.lowest", self.lowest, why, "lower the one or raise the other", "Hz")
+            raise refusal("measurement.lowest", self.lowest, why, "lower the first or raise the second", "Hz")
 
 
 DEAD_FRACTION = 1e-6  # power of the noise in a dead channel over the power of the others
@@ -176,8 +176,8 @@ class SolverSettings:
     Attributes
     ----------
     name : str
-        "robust", which seeks the gains of the channels, too; "joint", the same for matched channels and exact given
-        positions; or "descent", the paper's.
+        "robust", which also estimates the gains of the channels; "joint", the same for matched channels and exact given
+        positions; or "descent", the paper's algorithm.
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
         the solver can use (`fdcal.solvers.requirements`).
@@ -185,15 +185,15 @@ class SolverSettings:
         In which order "descent" adds modes: "ascending", as the paper does, or "descending", which begins with mode
         `modes` alone and adds lower ones.
     order_offset : int
-        Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
+        Number added to the order ceil(kR) of Eq. 3; the paper adds 0.
     ample_modes : int
         Number of modes in use from which "descent" adds `order_offset` to the order; with fewer modes it adds 0.
     known_weight : float
-        Weight of a known microphone's squared residual in "descent"; 1 is the paper's.
+        Weight of a known microphone's squared residual in "descent"; in the paper it is 1.
     weights : str
-        "unit", each mode scaled to unit RMS, or "raw", the paper's.
+        "unit", each mode scaled to unit RMS, or "raw", as in the paper.
     max_sweeps : int
-        Largest number of sweeps in one stage.
+        Largest number of sweeps of "descent" in one stage.
     start : str or None
         "affine" or "random"; the default of "descent" is "random". "robust" always uses its own starts; "joint" uses
         the same ones with "affine".
@@ -286,12 +286,12 @@ STEPS = (1.0, 2.0, 5.0)  # m, first digits that a step may have
 def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:
     """Return the search domain `own`, or one around positions (N, D), metres, if there is none.
 
-    Positions of a blind array are first moved as a whole onto `truth` (N, D), if that is known. The domain `own` may
-    have other axes, those of the solver that estimated it; after such a motion it is therefore used only if it contains
-    the centre of the moved positions.
+    If `truth` (N, D) is given, as for an array without known microphones, the positions are first moved onto it as a
+    whole. The domain `own` may still have the axes of the estimate; after such a motion it is therefore used only if it
+    contains the centre of the moved positions.
 
-    The step is 1, 2 or 5 times a power of ten. R is that of `own`; without one it is the distance from the centre to a
-    corner in the plane, and to the outermost position plus the margin in space.
+    The step of a new domain is 1, 2 or 5 times a power of ten. Its radius R is that of `own`. Without `own` it is the
+    distance of the centre from a corner in the plane, and from the outermost position, plus the margin, in space.
     """
     positions = np.asarray(positions, float) if truth is None else align(positions, truth)
     if own is not None:

@@ -67,7 +67,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
 @contextlib.contextmanager
 def damaged(problem: str, remedy: str = "") -> Iterator[None]:
-    """Turn an error that a library raises for a damaged file into an InputError, a system error into a StorageError."""
+    """Turn the error of a library for a damaged file into an InputError, and a system error into a StorageError."""
     try:
         yield
     except (InputError, StorageError):
@@ -179,7 +179,7 @@ def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -
 
 
 def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: object) -> Any:
-    """Return the value of a TOML or JSON file; InputError if it is not valid. `where`: name of the file in messages."""
+    """Return the value of a TOML or JSON text, or raise InputError; `where`: name of the file in messages."""
     try:
         encoding = "utf-8-sig" if kind == "TOML" else "utf-8"
         text = content.decode(encoding) if isinstance(content, bytes) else content
@@ -198,8 +198,8 @@ def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: objec
 def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file, a path or an open file, for whose names `wanted` is true; unpickle nothing.
 
-    `called`: name of an open file in messages. InputError for a damaged file, or for compressed arrays larger than
-    `LIMITS.unfolded` bytes; StorageError for a file that cannot be read.
+    `called`: name of an open file in messages. Raises InputError for a damaged file, or for compressed arrays larger
+    than `LIMITS.unfolded` bytes, and StorageError for a file that cannot be read.
     """
     where, table, key = called or path, dict[str, Any](), ""
     try:

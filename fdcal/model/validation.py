@@ -49,7 +49,7 @@ class Limits:
     phase: float = 100.0
     phase_per_microphone: float = 2.0  # radians; the limit is this times the number of microphones, if larger
     dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c; the smallest ratio is its inverse
-    seconds: float = 90.0  # largest processor time of a calibration; beyond `usual_pairs` in proportion to the pairs
+    seconds: float = 90.0  # largest processor time of a calibration; proportional to its pairs above `usual_pairs`
     usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates: int = 500_000  # candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate: float = 1e9  # largest coordinate, metres
@@ -97,7 +97,7 @@ class InputError(ValueError):
         super().__init__(self.worded({}))
 
     def worded(self, names: Mapping[str, str]) -> str:
-        """Return the message with the arguments that its remedy mentions called as in `names`."""
+        """Return the message, in which the arguments in the remedy have their names in `names`, or their own."""
         remedy = word_arguments(self.remedy, names)
         return f"{self.problem}; {remedy}" if remedy else self.problem
 
@@ -202,11 +202,11 @@ def require_array(
     try:
         array = np.asarray(values)
         if array.dtype.kind == "U":
-            array.tolist()  # raises for a letter that does not exist
+            array.tolist()  # raises for invalid characters
     except ValueError as error:
         raise InputError(f"{key} has rows of different lengths", remedy, key=key) from error
     except SystemError as error:
-        raise InputError(f"{key} is damaged: it holds letters that do not exist", remedy, key=key) from error
+        raise InputError(f"{key} is damaged: it holds invalid characters", remedy, key=key) from error
     if array.size and array.dtype.kind not in letters:
         found = {"f": "real", "c": "complex", "b": "true or false", "U": "text"}.get(array.dtype.kind, array.dtype.name)
         raise InputError(f"{key} is {found} ({array.dtype})", remedy, key=key)
@@ -284,7 +284,7 @@ def _plain(value: Any, key: str) -> Any:
         return value
     if isinstance(value, Integral):
         if abs(int(value)) >= LARGEST_INTEGER:
-            raise InputError(f"{key} is too large a number", "use a smaller one", key=key)
+            raise InputError(f"{key} is too large", "use a smaller number", key=key)
         return int(value)
     if math.isnan(value):
         raise InputError(f"{key} = nan must be a number", key=key)
@@ -410,17 +410,17 @@ LONGEST = 200  # number of characters of a text that `parse_modes` reads
 
 
 def parse_modes(text: str, count: int) -> tuple[int, ...]:
-    """Return the modes in a text such as "1-3, 5", ascending; InputError unless they are from 1 to `count`."""
+    """Return the modes in a text such as "1-3, 5", ascending; raise InputError unless they are from 1 to `count`."""
     remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
     found: set[int] = set()
     for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
         match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= low <= high <= count:
-            raise InputError(f'"{part}" names no frequencies', remedy, key="modes")
+            raise InputError(f'"{part}" is not a number or range of frequencies', remedy, key="modes")
         found |= set(range(low, high + 1))
     if not found:
-        raise InputError("no frequency is named", remedy, key="modes")
+        raise InputError("no frequency is given", remedy, key="modes")
     return tuple(sorted(found))
 
 
