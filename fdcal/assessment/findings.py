@@ -81,7 +81,7 @@ class Judged:
     unexplained: Sequence[ChannelFault]
     wrong_given: Sequence[ChannelFault]  # the given positions that the pressures contradict
     sigma: float  # metres, root mean square of one sigma over the healthy microphones
-    uncertain: float  # metres, the same with the spread of the search added
+    uncertain: float  # metres, root sum of squares of `sigma` and the spread of the search
     radius: float  # metres, root mean square distance of the healthy microphones from their centre
     f_max: float  # Hz, highest frequency that the healthy microphones can interpolate (Eq. 9)
     highest: float  # Hz, highest frequency in use
@@ -125,12 +125,13 @@ class Judged:
 # Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
 # uneven; with a source inside the array a tenth or more of all.
 UNEVEN = 3.0
-UNEVEN_FRACTION = 1e-4  # least noise of an uneven channel, as a fraction of the power
+UNEVEN_FRACTION = 1e-4  # smallest noise of an uneven channel, as a fraction of the power
 # Fraction of the power that a healthy measurement may leave unexplained in addition to its noise. In measured arrays
 # the error of predicting a microphone from the others at the true positions is -27 to -32 dB; in simulated living rooms
 # the unexplained fraction is 1e-5 to 1e-3.
 ROOM_RESIDUAL = 1e-3
-MAX_UNEXPLAINED = 0.12  # if the field does not explain more than this fraction of the channels, they share a cause
+# If the field leaves more than this fraction of the channels unexplained, these have a common cause.
+MAX_UNEXPLAINED = 0.12
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
 ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
 

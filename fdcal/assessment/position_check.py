@@ -344,7 +344,7 @@ def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> Positi
 
 
 SWAPPED = 0.5  # a swap must reduce the distance of a microphone to less than this fraction
-IMPROVED = 0.75  # least fraction of the microphones of a cycle whose distance is so reduced
+IMPROVED = 0.75  # smallest fraction of the microphones of a cycle whose distances must be reduced that much
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:

@@ -293,7 +293,7 @@ class FieldExpansion:
         return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
 
 
-expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # all searches and maps share the tables
+expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # so that all searches and maps use the same tables
 
 
 # added to ceil(k R); with the paper's 0 the truncation error is as large as the effect of moving a microphone by 1 cm

@@ -422,8 +422,8 @@ def _delays(field: ShortField) -> list[np.ndarray]:
 def _priors(field: ShortField) -> tuple[float, np.ndarray, np.ndarray]:
     """Return cost, gradient (P,) and stiffness (P, P) of the priors, in the order of the parameters.
 
-    The priors are Gaussian. In addition a penalty prevents negative powers: of the sound from any direction u, which is
-    1 - r - sum_l a_l Y_l(u) over the mean, and of r.
+    The priors are Gaussian. In addition a penalty prevents negative values of r, and of the power of the sound from any
+    direction u, which is 1 - r - sum_l a_l Y_l(u) relative to the mean.
     """
     N = len(field.channels)
     each, spread = np.zeros((N, 5)), np.full((N, 5), np.inf)

@@ -50,7 +50,7 @@ def folder_of(name: str) -> Path:
 
 
 def response_path(text: str) -> Path:
-    """Return the file of a response that is given by its name or its path; StorageError if it is missing."""
+    """Return the file of a response that is given by its name or path; raise StorageError if it is missing."""
     path = Path(text) if text.lower().endswith(SUFFIX) else folder_of("rooms") / f"{text}{SUFFIX}"
     if not path.is_file():
         raise StorageError(f"cannot read {path}: No such file or directory")
@@ -127,7 +127,7 @@ class Room:
 
     @property
     def cell_size(self) -> float:
-        """Edge h of one FDTD cell, metres; InputError for a box, which has no cells."""
+        """Edge h of one FDTD cell, metres; raises InputError for a box, which has no cells."""
         if self.cell is None:
             raise InputError(f"room.size = {list(self.size or ())} has three lengths", "simulate it in closed form")
         return self.cell
@@ -212,7 +212,7 @@ class Source:
 
     @property
     def place(self) -> Point:
-        """The only position of the source, metres; ValueError if it has several (see `Scene.takes`)."""
+        """The only position of the source, metres; raises ValueError if it has several (see `Scene.takes`)."""
         (place,) = self.places
         return place
 
@@ -227,7 +227,7 @@ class Source:
 
     @property
     def band(self) -> Band:
-        """Band and sampling rate of the simulated pulse; InputError with three coordinates, which need no pulse."""
+        """Band and sampling rate of the simulated pulse; raises InputError for a source in space, which has none."""
         if self.low is None or self.high is None or self.sample_rate is None:
             raise refusal("source.position", list(self.places[0]), "has three coordinates and no pulse", "give two")
         return Band(self.low, self.high, self.sample_rate)
@@ -291,7 +291,7 @@ class Scene:
 
     @property
     def emitter(self) -> Source:
-        """The source; InputError in a measured room, whose source is unknown."""
+        """The source; raises InputError in a measured room, whose source is unknown."""
         if self.source is None:
             raise InputError("source is missing", "add it to the scene", key="source")
         return self.source
@@ -423,7 +423,10 @@ class Gauge:
             raise InputError("gauge needs either gauge.known or gauge.free", "give exactly one", key="gauge.known")
 
     def indices(self, count: int) -> tuple[int, ...]:
-        """Return the known microphones of an array of `count`, ascending; InputError for wrong or repeated numbers."""
+        """Return the known microphones of an array of `count`, ascending.
+
+        Raises InputError for wrong or repeated numbers.
+        """
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
         wrong = [n for n, times in Counter(given).items() if not 0 <= n < count or times > 1]
         if wrong:
@@ -459,7 +462,7 @@ def placeholder_scene(
     file: str = "",
     remark: str = "",
 ) -> MeasuredScene:
-    """Return a scene for a measurement that has none; `title`: the name and "as measured" unless given."""
+    """Return a scene for a measurement that has none; unless given, `title` is the name followed by "as measured"."""
     D, d, placed = measurement.dimension, measurement.array_dimension, measurement.positions
     if D == 3 and d == 2:
         array = Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))

@@ -155,7 +155,7 @@ class Search:
         Parameters
         ----------
         height : float
-            Of the layer, metres.
+            Height of the layer, metres.
 
         Returns
         -------
@@ -179,10 +179,10 @@ class SolverSettings:
         "robust", which also estimates the gains of the channels; "joint", the same for matched channels and exact given
         positions; or "descent", the paper's algorithm.
     modes, first_modes : int
-        Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured and that
-        the solver can use (`fdcal.solvers.requirements`).
+        Number of modes in use at the end and, for "descent", at the start. `modes` is ALL_MODES unless given: all that
+        were measured and that the solver can use (`fdcal.solvers.requirements`).
     mode_order : str
-        In which order "descent" adds modes: "ascending", as the paper does, or "descending", which begins with mode
+        Order in which "descent" adds modes: "ascending", as in the paper, or "descending", which begins with mode
         `modes` alone and adds lower ones.
     order_offset : int
         Number added to the order ceil(kR) of Eq. 3; the paper adds 0.
@@ -196,7 +196,7 @@ class SolverSettings:
         Largest number of sweeps of "descent" in one stage.
     start : str or None
         "affine" or "random"; the default of "descent" is "random". "robust" always uses its own starts; "joint" uses
-        the same ones with "affine".
+        the same ones unless `start` is "random".
     noise : str
         "reported" uses the noise power of the measurement, if it has one; "auto" estimates it; a number of decibels is
         the signal-to-noise ratio of each mode.
@@ -204,8 +204,8 @@ class SolverSettings:
         Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
         or "none".
     gains : str
-        Of "robust": "auto" seeks gain and phase of every channel and estimates their standard deviations; with "fixed"
-        they do not change.
+        With "auto", "robust" estimates gain and phase of every channel and their standard deviations; with "fixed" they
+        do not change.
     gain_sigma_db, phase_sigma_deg : float or None
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None

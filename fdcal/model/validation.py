@@ -190,7 +190,7 @@ KINDS = {
 def require_array(
     key: str, values: Any, kind: str, shape: tuple[int | None, ...], unit: str = "", missing: bool = False
 ) -> np.ndarray:
-    """Return `values` as a read-only array of a kind of KINDS and of a shape; InputError if they do not fit.
+    """Return `values` as a read-only array of a kind of KINDS and of a shape; raise InputError if they do not fit.
 
     No value is rounded to fit; an empty array is of every kind. `shape` is the length along each axis, or None for any
     length; () stands for a single value. `unit` is the unit or the meaning of the numbers, for the message. NaN is
@@ -275,7 +275,7 @@ def convert(value: object, kind: Any, key: str) -> Any:
 
 
 def _plain(value: Any, key: str) -> Any:
-    """Return a value with Python's own types; InputError for NaN and for integers of very many digits."""
+    """Return a value with Python's own types; raise InputError for NaN and for integers of very many digits."""
     if isinstance(value, (np.ndarray, np.generic)):
         value = value.tolist()
     if isinstance(value, (list, tuple)):

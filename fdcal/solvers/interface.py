@@ -134,7 +134,7 @@ class Estimate:
     problem: Problem  # with every mode scaled to unit power
     modes: slice  # the modes in use
     positions: Reals  # (N, D) float64, metres
-    converged: bool  # whether the solver ended at a minimum
+    converged: bool  # whether the run has ended, at a minimum or at its largest number of steps
     channels: ChannelEstimate
     field: FieldEstimate
     spread: PositionSpread

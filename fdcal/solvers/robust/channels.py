@@ -5,8 +5,8 @@ a complex gain g, found by weighted least squares, the cost of the channel is
 
     cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g)
 
-A channel is also assumed to have a delay of more than a period if that lowers the cost clearly. The steps of the solver
-find smaller delays and high-pass filters (`noise.with_filters`).
+Delays of the channel from a grid of values are also tried, and kept if they lower the cost clearly. Delays smaller than
+the spacing of this grid, and high-pass filters, are left to the steps of the solver (`noise.with_filters`).
 """
 
 from dataclasses import replace
