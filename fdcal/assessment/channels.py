@@ -49,7 +49,8 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     tau = np.where(tau * field.noise_fraction < least, 1.0, tau)
     variance = field.power[:, None] + field.noise[:, None] * channels.noise
     fraction = np.mean(1 / (field.terms.precision * variance), axis=0)  # of the variance that the others do not predict
-    unpredicted, rest = fraction > UNPREDICTED, fraction[(fraction <= UNPREDICTED) & (tau < MAX_NOISE)]
+    unpredicted = fraction > UNPREDICTED
+    rest = fraction[(fraction <= UNPREDICTED) & (tau < MAX_NOISE)]
     unpredicted &= bool(np.all(rest < UNPREDICTED / PREDICTED_BETTER)) and np.mean(unpredicted) <= MAX_UNPREDICTED
     unpredicted[estimate.problem.known] = False  # a known microphone may be too far from the others for a prediction
     # The solver leaves channels with gross faults out when it estimates the prior sigma. If all channels differ by
@@ -140,14 +141,13 @@ EXCHANGED_FRACTION = 0.3
 def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int, ChannelFault]:
     """Return the wrong and the exchanged given positions."""
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
-    sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    found = estimate.given.contradicted
     usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all given positions are inaccurate, none counts as wrong
     for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
-        if x is estimate.positions or found is None:
-            right = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)
-        else:
-            right = not found.wrong[i]
+        near = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)
+        right = near if x is estimate.positions or found is None else not found.wrong[i]
         if right:
             continue
         apart = np.linalg.norm(x - given, axis=1)

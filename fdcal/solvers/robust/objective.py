@@ -451,9 +451,8 @@ def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
 
     This is kriging with the covariance (1 + r / l) exp(-r / l), where l is the radius of the array.
     """
-    x = positions
-    radius = np.sqrt(np.sum((x - x.mean(axis=0)) ** 2, axis=1).mean())
-    r = np.asarray(np.linalg.norm(x[:, None] - x[constrained], axis=-1) / radius)
+    radius = np.sqrt(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1).mean())
+    r = np.asarray(np.linalg.norm(positions[:, None] - positions[constrained], axis=-1) / radius)
     K = (1 + r) * np.exp(-r)
     return K @ np.linalg.pinv(K[constrained], hermitian=True)
 
@@ -539,7 +538,8 @@ def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None 
     gradient, matrix = reduced(unknowns, evaluation, free, objective.priors)
     shape, size, inverse = unknowns.positions.shape, unknowns.positions.size, scaled_inverse(matrix)
     coordinates = np.delete(np.arange(size).reshape(shape), objective.priors.constrained, axis=0).ravel()
-    C, newton, covariance, step = len(coordinates), -inverse @ gradient, np.zeros((size, size)), np.zeros(size)
+    newton, step = -inverse @ gradient, np.zeros(size)
+    C, covariance = len(coordinates), np.zeros((size, size))
     covariance[np.ix_(coordinates, coordinates)] = inverse[:C, :C]
     step[coordinates] = newton[:C]
     sigma, decrease = np.sqrt(np.diag(covariance)).reshape(shape), -float(gradient @ newton) / 2

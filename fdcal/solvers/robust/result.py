@@ -41,7 +41,8 @@ def result(problem: Problem, state: State) -> Estimate:
     sigma[likely.free] = np.sqrt(np.maximum(np.diag(likely.inverse), 0.0))
     each = np.zeros((N, 4))
     each[:, : here.gains * here.channels.shape[1]] = sigma[:-1].reshape(N, -1)[:, D:]
-    stated, spread = state.settings.sound_speed_sigma or 0.0, np.array([model.gain_sigma, model.phase_sigma])
+    stated = state.settings.sound_speed_sigma or 0.0
+    spread = np.array([model.gain_sigma, model.phase_sigma])
     noise_power = claim.objective.field.noise
     ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
     usual = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
@@ -112,8 +113,7 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
         constrained = replace(objective, priors=priors)
         return _agreement(constrained, here, at_objective, claim.excess)
 
-    stated = state.settings.known_sigma
-    expected = GIVEN_SIGMA if stated is None else stated
+    expected = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
     stiffness, terms = every.of_known(state.positions)[2], (at_objective, claim.weakened.terms)
     try:
         near = given.free_array(problem, state, 0, terms)
