@@ -136,7 +136,11 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
 
 
 def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndarray:
-    """Return the field at some wavenumbers, with the closed form along the last axis : (M, N) complex128."""
+    """Return the field at some wavenumbers, with the closed form along the last axis : (M, N) complex128.
+
+    lengths, source : (D,), metres; positions : (N, D), metres, all on the same side of the source along the last axis;
+    k : (M,), rad/m; terms : for every axis but the last, the numbers (T,) of the eigenfunctions in the sum
+    """
     squares, shapes = 0.0, 1.0
     for axis, numbers in enumerate(terms):
         x = np.append(positions[:, axis], source[axis])

@@ -143,7 +143,7 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     found = estimate.given.contradicted
-    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # where all given positions are inaccurate, none counts as wrong
+    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # an error that is usual for given positions is not wrong
     for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         near = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)

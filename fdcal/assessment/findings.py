@@ -154,7 +154,7 @@ def _many_unexplained(seen: Judged, limit: float) -> bool:
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
-    """Whether too many given positions are misplaced (one always may be), or too few are right to fix the frame."""
+    """Return whether too many given positions are misplaced (one may always be), or too few are right for a frame."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
     return few or sum(one.kind == "misplaced" for one in wrong) > max(1, limit * len(problem.known))
@@ -223,10 +223,10 @@ def _in_doubt(seen: Judged) -> str:
 
 
 def _other_minimum(seen: Judged, limit: float) -> bool:
-    """Whether one microphone has a larger residual than the field of a room explains, so that it may stand elsewhere.
+    """Return whether a microphone has a larger residual than the field of a room explains, and may stand elsewhere.
 
-    In living rooms and halls the position of such a microphone is usually right nevertheless. From M frequencies the
-    noise of a channel is estimated with a relative error of about 1 / sqrt(M).
+    In living rooms and halls the position of such a microphone is usually right nevertheless. The limit is higher with
+    few frequencies, because the estimate of a channel's noise from M frequencies has an error of about 1 / sqrt(M).
     """
     least = max(limit, 1 + 9 / np.sqrt(len(seen.estimate.field.power)))
     judged = seen.noisiest >= 0 and seen.by_rows and seen.noise_fraction > ROOM_FRACTION

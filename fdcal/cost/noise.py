@@ -14,7 +14,8 @@ mode m determines,
 
 An inverse gamma prior adds a number of observations of an expected value to the numerator and the denominator.
 
-A row is one frequency of one take. Its power by direction S_q deviates from A_q, that of its take:
+A row is one frequency of one take. The power of the field by direction is S_q in a row, and deviates from A_q, that of
+its take. The covariance of a row is
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
@@ -31,9 +32,9 @@ directions poorly (Sun, Babu and Palomar, IEEE Trans. Signal Process. 65 (2017) 
 
     A_q <- A_q sqrt[(sum |alpha_q|^2 / s + c_q / A_q) / (sum r_q + c_q)],    c_q = ISOTROPY w_q sum_q sum r_q
 
-Here c is the weight of an inverse gamma prior of mode 1. Without this prior, ever sharper spectra would explain ever
-smaller arrays. Finally S <- (S + count A) / (1 + count), where `count` is the weight of the take. S and A have the
-mean 1.
+Here c is the weight of an inverse gamma prior of mode 1. Without this prior, ever smaller arrays with ever sharper
+directional spectra would fit the pressures. Finally S <- (S + count A) / (1 + count), where `count` is the weight of
+the take. S and A have the mean 1.
 """
 
 from dataclasses import dataclass

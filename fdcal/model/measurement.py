@@ -395,13 +395,13 @@ class Measurement:
         positions : (N, D) float64
             Estimated positions, metres.
         by : slice or index array
-            Microphones that determine the motion of a blind array; all unless given.
+            Microphones that determine the motion of an array without known microphones; all unless given.
 
         Returns
         -------
         (N, D) float64 or None
-            Metres; None if they are unknown. Those of a blind array are aligned with `positions` by the best rigid
-            motion, which may include a mirror image.
+            Metres; None if they are unknown. Without known microphones they are aligned with `positions` by the best
+            rigid motion, which may include a mirror image.
         """
         return align(self.positions, positions, by) if self.blind and self.positions is not None else self.positions
 

@@ -132,7 +132,7 @@ class Arrivals:
         return wide.sigma
 
     def median(self, r: Reals) -> np.ndarray:
-        """Return the median (T,) of the absolute values of (T, N) where there are arrivals."""
+        """Return the median (T,) of the absolute values of r (T, N) over the microphones that have an arrival."""
         size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
         take = np.arange(len(r))
         return (size[take, (count - 1) // 2] + size[take, count // 2]) / 2

@@ -87,7 +87,10 @@ COHERENT = 0.75  # smallest squared coherence between a channel with a filter an
 
 
 def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
-    """Return cost, candidate, log gain and filter for the best fit of a channel p (M,) with the filter `cut` (2,)."""
+    """Return cost, candidate, log gain and filter for the best fit of a channel p (M,) with the filter `cut` (2,).
+
+    e, V : (M, C), prediction by the other channels at the candidates, and its variance; k : (M,), rad/m
+    """
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     q = p * np.exp(-response)
     cost, value = _fitted(q, e, V)
@@ -112,7 +115,10 @@ def _lattice(x: Reals, spacing: float) -> np.ndarray:
 def _predicted(
     x: Reals, q: Complexes, candidates: Reals, k: Reals, power: Reals, noise: Reals, tau: Reals, dimension: int
 ):
-    """Return the prediction at candidates (C, D) from pressures q (M, N) at x (N, D), and its variance : (M, C)."""
+    """Return the prediction at candidates (C, D) from pressures q (M, N) at x (N, D), and its variance : (M, C) each.
+
+    k : (M,), rad/m; power, noise : (M,), of the field and of a healthy channel; tau : (N,), relative channel noise
+    """
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     across = np.linalg.norm(x[:, None] - candidates[None], axis=-1)
     e, V = np.empty((len(k), len(candidates)), complex), np.empty((len(k), len(candidates)))

@@ -98,13 +98,13 @@ class Priors:
     phase_sigma: float
     known: Integers  # (A,) int64, microphones whose position is given
     places: np.ndarray  # (A, D) float64, metres, their given positions
-    known_sigma: float  # metres, one sigma of each given coordinate; 0 where the positions are exact
+    known_sigma: float  # metres, one sigma of each given coordinate; 0 if the positions are exact
     # (N, 2) float64, nepers and radians, mean of the gains; 0 unless a channel has a gross fault, such as
     # inverted polarity
     offsets: Reals
-    speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 where the speed is fixed
+    speed_sigma: float = 0.0  # standard deviation of the logarithm of the sound speed; 0 if the speed is fixed
     known_tail: float = NU  # degrees of freedom of the prior of the given positions; with many it is Gaussian
-    # delay_sigma, corner_sigma: metres and rad/m; 0 where only a faulty channel has a filter, with a wide prior
+    # delay_sigma, corner_sigma: metres and rad/m; 0 if only faulty channels have filters, whose prior is then wide
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
 
@@ -135,7 +135,7 @@ class Evaluation:
     """The objective at some unknowns."""
 
     cost: float  # with the priors
-    # gradient, matrix: (F,) and (F, F) float64, matrix by Gauss-Newton; both empty where only the cost was asked for
+    # gradient, matrix: (F,) and (F, F) float64, gradient and Gauss-Newton matrix; empty if only the cost is needed
     gradient: np.ndarray
     matrix: np.ndarray
     terms: Terms  # terms of the likelihood alone
@@ -226,7 +226,7 @@ class Objective:
         return np.concatenate(freed)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
-        """Return the cost, or infinity where a covariance is singular, as with two microphones at one position."""
+        """Return the cost, or infinity if a covariance is singular, as with two microphones at one position."""
         try:
             return self.evaluate(unknowns, False).cost
         except np.linalg.LinAlgError:
@@ -282,7 +282,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Rea
 
 
 def arrival_index(unknowns: Unknowns) -> np.ndarray:
-    """Return indices int64 of the unknowns that arrivals depend on: coordinates, delays where free, sound speed."""
+    """Return indices int64 of the unknowns that arrivals depend on: coordinates, delays if free, and sound speed."""
     size, (N, D) = unknowns.vector.size, unknowns.positions.shape
     index = np.arange(size - 1).reshape(N, -1)
     delays = index[0, :0] if unknowns.delays is None else index[:, D + 2]
@@ -425,7 +425,7 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
 
 
 def window_term_of(model: Model) -> WindowTerm | None:
-    """Return the term of the short windows; None where they do not count."""
+    """Return the term of the short windows; None if they are not used."""
     if model.window_positions is None or model.window_precision is None:
         return None
     return WindowTerm(model.window_positions, model.window_precision)
@@ -436,12 +436,12 @@ class ChannelStep:
     """Result of one step; `terms`, `matrix` and `source` belong to the unknowns before it."""
 
     unknowns: Unknowns
-    cost: float  # infinite where a covariance is singular
+    cost: float  # infinite if a covariance is singular
     decrease: float  # of the cost
     damping: float  # damping of the next step
     moved: float  # metres, largest change of a coordinate
     free: np.ndarray  # see `Objective.free`
-    terms: Terms | None = None  # None where a covariance is singular
+    terms: Terms | None = None  # None if a covariance is singular
     matrix: Reals | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None without `terms`
     source: TakeSources | None = None  # None without arrivals
 
@@ -460,7 +460,7 @@ def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
 def channel_step(
     unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step: float = np.inf
 ) -> ChannelStep:
-    """Return one damped Gauss-Newton step; max_step in metres."""
+    """Return one damped Gauss-Newton step of the unknowns `free`, see `damped_step`; `max_step` in metres."""
     try:
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
@@ -518,7 +518,7 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Quadratic:
-    """The quadratic approximation of an objective about some unknowns; every microphone moves independently."""
+    """The quadratic approximation of an objective about some unknowns, and its minimum."""
 
     unknowns: Unknowns
     free: np.ndarray  # (F,) int64, indices of the free unknowns, coordinates first
@@ -533,7 +533,7 @@ class Quadratic:
 
 
 def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
-    """Return the quadratic of an objective; `here` is its evaluation at the unknowns where that is known."""
+    """Return the quadratic approximation of an objective; `here` is its evaluation at the unknowns, if known."""
     evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
     gradient, matrix = reduced(unknowns, evaluation, free, objective.priors)
     shape, size, inverse = unknowns.positions.shape, unknowns.positions.size, scaled_inverse(matrix)

@@ -96,7 +96,7 @@ class StageEnd:
     problem: Problem
     state: State
     objective: objectives.Objective  # what the last step minimised
-    trial: objectives.ChannelStep  # the last step; without `terms` where a covariance was singular
+    trial: objectives.ChannelStep  # the last step; without `terms` if a covariance was singular
     within_tolerance: bool  # whether the last step changed hardly anything
 
 

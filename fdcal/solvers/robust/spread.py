@@ -69,7 +69,7 @@ def claim_of(problem: Problem, state: State) -> Claim:
     gauge = _gauge(problem, state.positions, counted)
     newton = gauge @ likely.covariance @ gauge.T
     data, dispersion = _of_data(problem, state, objective, likely, gauge, counted)
-    if not len(problem.known):  # the size of a blind array is as uncertain as the sound speed
+    if not len(problem.known):  # without given positions the size of the array is as uncertain as the sound speed
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)
