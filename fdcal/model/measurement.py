@@ -569,7 +569,7 @@ def _require_usable(measurement: Measurement) -> None:
     m, every = int(ratio.argmax()), 1 / np.mean(1 / np.maximum(ratio, 1e-30))
     for worst, n, where in ((ratio[m], measurement.count, f"at {f[m]:g} Hz"), (every, values.size, "on average")):
         if worst * max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3 > 1:
-            problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, of which it is a part"
+            problem = f"noise_power is {worst:.3g} times the power of the pressures {where}, which include the noise"
             remedy = "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out"
             raise InputError(problem, remedy, key="noise_power")
 

@@ -63,7 +63,7 @@ def require_range(problem: Problem, first: int, last: int) -> None:
     """Raise InputError unless modes `first` to `last`, counted from 1, were measured."""
     if not 1 <= first <= last:
         fault = f"{first} to {last} is not a range of frequencies"
-        raise InputError(fault, "use 1 or more, the lower one first", key="modes")
+        raise InputError(fault, "give two numbers from 1 up, the lower one first", key="modes")
     measured = len(problem.pressures)
     if last > measured:
         message = f"solver.modes = {last}, but {measured} frequencies were measured"
