@@ -191,7 +191,7 @@ def covariance_of(estimate: Estimate, by_model: bool = False) -> np.ndarray:
 
 # If short windows determine the array, its extent along every axis counts as at least this fraction of the longest one,
 # because a flat array has no height that a stretching could change. Without short windows, this rule would give the
-# verdict "good" to 1 of 60 arrays of the test, a linear array in a plane whose error is 2.4 times the claimed sigma.
+# verdict "good" in 1 of 60 cases to a wrong array: a line in a plane, with an error of 2.4 times the claimed sigma.
 LEAST_EXTENT = 0.5
 
 

@@ -207,14 +207,14 @@ class SolverSettings:
         With "auto", "robust" estimates gain and phase of every channel and their standard deviations; with "fixed" they
         do not change.
     gain_sigma_db, phase_sigma_deg : float or None
-        Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
+        For "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None
-        Of "robust": standard deviation of each coordinate of a given position, metres; with 0 the positions are exact
-        and never move. Unless it is given, it is estimated: 3 mm at most, and 1 mm for a plane array in space, whose
-        size follows from the given positions.
+        For "robust": standard deviation of each coordinate of a given position, metres; with 0 the positions are exact
+        and never move. Unless it is given, it is estimated, and is at most 3 mm if the pressures do not contradict the
+        given positions. For a plane array in space, whose size follows from the given positions, it is 1 mm.
     sound_speed_sigma : float or None
-        Of "robust" and "joint": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless
-        given.
+        For "robust" and "joint": relative standard deviation of the sound speed (0.003 is 0.3 %). Unless it is given,
+        the sound speed counts as exact.
     """
 
     name: str = "robust"
