@@ -7,7 +7,7 @@ Sample n of the response is taken as a plane wave that arrives from the directio
 The response was measured at the origin. Elsewhere the field is modelled by this sum, which solves the Helmholtz
 equation exactly for any response, and has no source inside the array.
 
-a_n, t_n, u_n    amplitude of wave n, its time of arrival at the origin, s, and the unit vector from which it comes
+a_n, t_n, u_n    amplitude of wave n, its arrival time at the origin, s, and its direction of arrival, a unit vector
 f, c             frequency, Hz; sound speed, m/s
 x                position, metres
 

@@ -48,7 +48,7 @@ RIVAL_COST = 8.0  # nats; a rival's score exceeds the lowest one by less than th
 class Assessment:
     """The positions at the end of a run and what is known about their quality."""
 
-    # (N, D) float64, metres, at the estimated sound speed if it was estimated, after exchanges of channels were undone
+    # (N, D) float64, metres, for the estimated sound speed if there is one, with exchanges of channels undone
     positions: np.ndarray
     problem: Problem  # with the same sound speed
     # verdict, message: code of the first finding that applies, and its text with the remedy; the text has arguments in
@@ -209,7 +209,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
 
 
 def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scale: float) -> float:
-    """Return the probability that chi^2 (see the module) is by chance at least that of the `unused` positions."""
+    """Return the probability that chi^2, as defined above, is by chance at least that of the `unused` positions."""
     numbers, D = np.array([*unused], int), estimate.problem.array_dimension
     freedom = len(numbers) * D - D * (D + 1) // 2
     if freedom <= 0 or estimate.given.carry_scale:  # then the pressures hardly determine the size

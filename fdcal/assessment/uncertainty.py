@@ -41,9 +41,9 @@ C depends on distances only, so that F holds no information on rigid motions and
 
     P = (B^T (F + prior) B)^-1      B a basis of the directions that information or prior determine
 
-The prior holds what is known beside the pressures: given positions and their uncertainty, the standard deviation of the
-gains, and the uncertainty of the sound speed. Without given positions B excludes the rigid motions, and the bound is
-that of the array after the best rigid alignment.
+The prior holds what is known in addition to the pressures: given positions and their uncertainty, the standard
+deviation of the gains, and the uncertainty of the sound speed. Without given positions B excludes the rigid motions,
+and the bound is that of the array after the best rigid alignment.
 
 P. Stoica, R. Moses, "Spectral Analysis of Signals", 2005: the Slepian-Bangs formula.
 """
@@ -157,7 +157,7 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     given = (D * np.asarray(prior.known, int)[:, None] + np.arange(D)).ravel()
     sigma = np.concatenate([np.full(N * D, np.inf), np.full(N, prior.gain_sigma), [prior.sound_speed_sigma]])
     sigma[given] = max(prior.known_sigma, EXACT)
-    used = sigma > 0  # gains and a sound speed with a sigma of 0 are no unknowns
+    used = sigma > 0  # gains and sound speed are not unknown if their sigma is 0
     F = information.matrix[np.ix_(used, used)] + np.diag(sigma[used] ** -2.0)
     # The rigid motions that leave the given microphones where they are remain undetermined.
     R = rigid_motions(x)

@@ -15,7 +15,7 @@ from ..solvers.interface import RunState
 from .calibration import Calibration, ChannelFault
 from .position_check import MAX_SCALE, TRUSTED, ListFit, PositionCheck
 
-MIN_MOVE = 1e-3  # metres, least correction of a given position that is mentioned
+MIN_MOVE = 1e-3  # metres, smallest correction of a given position that is mentioned
 MAX_ROWS = 12  # largest number of rows of the table of given positions
 # why a run that did not converge can have the verdict "good"
 STEP_LEFT = "the remaining step is small compared with one sigma"

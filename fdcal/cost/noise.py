@@ -12,7 +12,8 @@ mode m determines,
     s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
     tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
 
-An inverse gamma prior adds a number of observations of an expected value to the numerator and the denominator.
+An inverse gamma prior on s and tau acts like further observations of an expected value: it adds their sum to the
+numerator, and their number to the denominator.
 
 A row is one frequency of one take. The power of the field by direction is S_q in a row, and deviates from A_q, that of
 its take. The covariance of a row is

@@ -2,11 +2,11 @@
 
 A map shows DECADES decades of cost below its highest value, or fewer if the costs span fewer. A local minimum counts if
 the climb from it to a lower minimum exceeds the fraction DEPTH of this scale, which is 1 dB of the full 40 dB. Minima
-whose cost is within this fraction of the lowest cost fit the data as well as the lowest one. Colours range from the
-2nd to the 98th percentile of the costs, and over LEAST_RANGE at least. Costs below the lower end of the scale keep
-their order, but their differences are made very small. A valley that reaches below this end is therefore one minimum,
-and all such valleys count as fitting equally well. A map with negative values, such as a log-likelihood, has a linear
-scale from its lowest to its highest value.
+whose cost is within this fraction of the lowest cost count as fitting the data as well as the lowest one. Colours range
+from the 2nd to the 98th percentile of the costs, and over LEAST_RANGE at least. Costs below the lower end of the scale
+keep their order, but their differences are made very small. A valley that reaches below this end is therefore one
+minimum, and all such valleys count as fitting equally well. A map with negative values, such as a log-likelihood, has a
+linear scale from its lowest to its highest value.
 
 The first picture of the page needs this module, which therefore loads no compiled code.
 """

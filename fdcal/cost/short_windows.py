@@ -13,7 +13,7 @@ covariance matrix, except for the power s of each window:
     b    its power;   v (3,) the direction that it comes from;   q its curvature, 1/m;   t_n its delay times c, metres
     Y_l  the five quadratic harmonics
     r    fraction of the sound that comes from the elevations g and -g; d_h and d_v are the horizontal and the vertical
-         part of d. In a room floor and ceiling absorb most, so that late sound comes from nearly horizontal directions
+         part of d. Floor and ceiling of a room absorb most of the sound, so that late sound is nearly horizontal
     e    power of the noise. Both b and e are interpolated in frequency between a few nodes
 
 A window smooths the spectrum. K and h h^H are therefore means over its bandwidth. They are approximated by the mean of

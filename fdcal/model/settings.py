@@ -280,7 +280,7 @@ class SolverSettings:
 MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
 MIN_MARGIN = 0.05  # m
 CELLS = {2: 120, 3: 60}  # largest number of steps along the longest side, by the number of coordinates
-STEPS = (1.0, 2.0, 5.0)  # m, first digits that a step may have
+STEPS = (1.0, 2.0, 5.0)  # first digits that a step may have
 
 
 def search_around(positions: Any, own: Search | None = None, truth: Any = None) -> Search:

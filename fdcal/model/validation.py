@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike, DTypeLike
 class Limits:
     """Limits of the values in a scene, a measurement or an option."""
 
-    # smallest, largest: of any length, time, frequency or number that must be positive, in its own unit
+    # smallest, largest: bounds of any length, time, frequency or other number that must be positive, in its own unit
     smallest: float = 1e-12
     largest: float = 1e12
     cells: int = 20_000_000  # cells of a simulation; each of its fields takes 8 bytes a cell

@@ -103,7 +103,8 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
     # A standing wave is real except for its phase, so that a row has one real equation for each microphone beyond the
     # number of functions of a field of the lowest order. If there are no such microphones, only the direct sound of a
-    # take determines positions. It is one wave from an unknown direction, which leaves N - dimension equations a take.
+    # take determines positions. It is one wave from an unknown direction, which leaves N - dimension equations per
+    # take.
     needed = 1 if N > problem.dimension + 1 else -(-unknowns // max(1, N - problem.dimension))
     if N < min_microphones(problem.dimension):
         message = f"{N} microphones are too few: a field of the lowest order has {problem.dimension + 1} functions"

@@ -73,7 +73,7 @@ class Arrivals:
     """Arrivals of the takes that have enough of them."""
 
     paths: Reals  # (T, N) float64, metres, arrival times multiplied by the measurement's sound speed; 0 without arrival
-    used: Bools  # (T, N) bool, which arrivals there are
+    used: Bools  # (T, N) bool, whether there is an arrival
     # sigma, stated: (T,) float64, metres, one sigma of an arrival, as assumed and as the measurement states
     sigma: Reals
     stated: Reals
@@ -303,7 +303,7 @@ def counted(problem: Problem) -> np.ndarray:
 PRIOR_COUNT = 4.0  # weight of the stated sigma, in arrivals
 
 
-MIN_SPREAD = 5e-3  # metres, least error that is assumed of the positions before arrivals are used
+MIN_SPREAD = 5e-3  # metres, smallest sigma that is assumed for the coordinates before arrivals are used
 CONSTRAINED_STIFFNESS = 1e16  # 1/m^2, stiffness of a microphone whose position is exact
 ROUNDS = 15  # iterations of positions and sigma in `near_positions`
 

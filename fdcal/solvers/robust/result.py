@@ -84,7 +84,7 @@ def estimate_at(
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
     state = refined(problem, noise.with_last_field(problem, state))
-    # Several rounds are needed, as in the last stage: the first one spreads the noise of a faulty channel over all.
+    # Several rounds are needed, as in the last stage: the first one spreads a faulty channel's noise over all channels.
     used = objectives.used_modes(problem, state)
     for _ in range(FIELD_ROUNDS):
         for _ in range(STAGES[FINAL].max_steps):

@@ -163,7 +163,10 @@ def fitted(
 
 
 def same_array(problem: Problem, one: FittedStart, positions: np.ndarray) -> bool:
-    """Return whether an array agrees with `positions` (N, D), metres, at its healthy channels, at least half of all."""
+    """Return whether an array agrees with `positions` (N, D), metres, at its healthy channels.
+
+    The result is False if fewer than half of all channels are healthy.
+    """
     apart = np.linalg.norm(align(one.positions, positions) - positions, axis=1)[one.healthy]
     length = min(
         2 * np.pi / float(np.real(problem.wavenumbers).max()), 2 * float(np.linalg.norm(np.std(positions, axis=0)))
