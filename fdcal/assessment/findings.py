@@ -75,7 +75,7 @@ class Judged:
 
     # what follows from these
     healthy: np.ndarray  # (N,) bool, which channels have no fault
-    by_rows: bool  # whether only the pressures of the modes determine the positions, not windows
+    by_rows: bool  # whether the positions follow from the pressures of the modes alone, without short windows
     # Faulty channels and wrong given positions that the model does not explain. Gain, polarity, delay and high-pass are
     # parameters of the model, so that such a channel has a normal residual.
     unexplained: Sequence[ChannelFault]

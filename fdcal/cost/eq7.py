@@ -187,7 +187,7 @@ def usable_modes(problem: Problem, order_offset: int) -> int:
 
 
 def require_modes(problem: Problem, order_offset: int, count: int) -> None:
-    """Raise InputError unless the field has `count` modes and the microphones can carry them."""
+    """Raise InputError unless `count` modes were measured and the microphones can carry all of them."""
     measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
     if count > measured:
         fault = f"solver.modes = {count}, but {measured} frequencies were measured"

@@ -56,7 +56,7 @@ def next_restart(problem: Problem, state: State) -> State:
     if state.starts is None:
         return search.begin(problem, state)
     if not state.starts:
-        # The last stage begins at the most likely optimum, because only there directions can be learned reliably.
+        # The last stage begins at the most likely optimum, because directions can only be learned reliably there.
         best = likeliest(state)
         progress = replace(state.progress, rounds=0, stage=FINAL)
         at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
