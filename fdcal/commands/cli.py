@@ -1,11 +1,11 @@
 """The command line: it reads arguments and options, and calls the other packages.
 
 Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
-4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 5 the list that
-`--check` compares with does not fit or is in another order, 130 interrupted; `doctor` ends with 4 at any other
-fault, or if the list cannot be judged, `study` with 4 if all calibrations are refused.
-An error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
-imported by the command that needs them.
+4 calibrated but the verdict is not "good" (all output is written nevertheless), 5 the list that `--check` compares with
+does not fit or is in another order, 130 interrupted. `doctor` returns 5 if the list does not fit, and 4 if it finds
+another fault or cannot judge the list. `study` returns 4 if all calibrations are refused.
+An error is printed as one line on standard error; `--debug` prints the traceback as well. Libraries that take long to
+load are imported by the command that needs them.
 """
 
 import contextlib
@@ -54,7 +54,7 @@ class PrintableOutput:
 
     def write(self, text: str) -> int:
         """Write a text."""
-        return self._stream.write(printable(text) if isinstance(text, str) else text)  # else it raises TypeError
+        return self._stream.write(printable(text) if isinstance(text, str) else text)  # TypeError unless it is a text
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -78,7 +78,7 @@ def _described(error: BaseException) -> tuple[str, int]:
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run a command and exit with its code; an error is one line on standard error, --debug adds the traceback."""
+    """Run a command and exit with its code; print an error as one line, with `--debug` after its traceback."""
     given = list(sys.argv[1:] if args is None else args)
     stop = given.index("--") if "--" in given else len(given)
     debug = "--debug" in given[:stop]  # at any place before --
@@ -140,25 +140,25 @@ def commands(context):
 
 @commands.command()
 @click.argument("scene", required=False, metavar="[SCENE|FILE|SESSION]")
-@opt.option("--lesson FILE.toml", "own", "A lesson of your own, started at once.", multiple=True)
-@opt.option("--host", "Address to serve the page at.", default="127.0.0.1")
-@opt.option("--port", "Port; 0 takes a free one.", type=int, default=8080)
-@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
+@opt.option("--lesson FILE.toml", "own", "File of your own lesson; the page opens with the first one.", multiple=True)
+@opt.option("--host", "Network address at which the page is served.", default="127.0.0.1")
+@opt.option("--port", "Port; 0 selects a free one.", type=int, default=8080)
+@click.option("--no-browser", is_flag=True, help="Only print the address; do not open a browser.")
 def view(scene: str | None, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it.
 
-    Without SCENE it plays a short film that shows how one microphone is found. FILE is a measurement or a recording
-    that `fdcal import` reads, SESSION a session saved by the page.
+    Without an argument, the page plays a short film that shows how one microphone is found. FILE is a measurement, or
+    a recording that `fdcal import` can read. SESSION is a session that was saved on the page.
     """
     from ..viewer.server.hardening import is_loopback
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     request = None if scene is None else opt.open_request_of(scene)
-    if not is_loopback(host):  # other machines can reach it
+    if not is_loopback(host):  # other machines can reach the page
         tunnel = f"{port or 8080}:127.0.0.1:{port or 8080}"
         print(
             f"The page at {host} can be opened and used by anyone who reaches this machine: there is no password.\n"
-            f"Safer: leave out --host, and on the other machine run  ssh -L {tunnel} USER@THIS-MACHINE",
+            f"It is safer to leave out --host and to run on the other machine:  ssh -L {tunnel} USER@THIS-MACHINE",
             file=sys.stderr,
         )
 
@@ -201,15 +201,16 @@ def simulate(scene: str, output: str, force: bool):
 @click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
 @opt.solver_option
 @opt.solver_options
-@opt.option("--gain-sigma DB,DEG", "Spread of gain and phase, as 1dB,5deg.  [default: estimated]", type=opt.gain_sigma)
+@opt.option("--gain-sigma DB,DEG", "Standard deviation of gain and phase, e.g. 1dB,5deg.  [default: estimated]",
+            type=opt.gain_sigma)  # fmt: skip
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "One distance, if no position is known; it gives size and sound speed.",
+@opt.option("--distance I,J,METRES", "A distance, if no position is known; size and sound speed follow from it.",
             type=opt.distance)  # fmt: skip
-@opt.option("--time-limit SECONDS", "Limit of processor time; then the best positions so far are written.", type=float)
+@opt.option("--time-limit SECONDS", "Processor time after which the best positions so far are taken.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
-@opt.option("--positions FILE", "Positions to compare with instead: a table name,x,y[,z], or a geometry.")
+@opt.option("--positions FILE", "File of other positions to compare with: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)
 @opt.recording_options(*opt.RECORDED)
 @opt.force_option
@@ -219,9 +220,9 @@ def calibrate(
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
-    Several files are takes: recordings, or measurements, of the same channels with the source at other places; files
-    of one channel each are the channels of one take. For recordings, --known also takes names of channels or a table
-    name,x,y[,z].
+    Several files are several takes: recordings or measurements of the same channels, each with the source at another
+    place. Files with one channel each are the channels of a single take. For recordings, --known also accepts names of
+    channels, or a table name,x,y[,z].
 
     The exit code is 5 if --check finds swapped channels or a list that does not fit, otherwise 4 if the result cannot
     be trusted.
@@ -259,23 +260,23 @@ def calibrate(
 
 @commands.command()
 @click.argument("layout", metavar="LAYOUT")
-@opt.option("--room LxWxH", "Rectangular room.  [default: that of the scene, else a diffuse field]", type=opt.room_size)
+@opt.option("--room LxWxH", "Rectangular room.  [default: the scene's, or a diffuse field]", type=opt.room_size)
 @opt.option("--rt60 S", "reverberation_time", "Reverberation time, s.", type=float, default=0.5)
 @opt.option("--snr DB", "snr_db", "Signal-to-noise ratio of each frequency.", type=float, default=30.0)
-@opt.option("--frequencies LO:HI", "band", "Band, Hz.  [default: 20 to 0.7 of what the array can interpolate]",
+@opt.option("--frequencies LO:HI", "band", "Band, Hz.  [default: 20 to 0.7 of the highest that the array interpolates]",
             type=opt.band)  # fmt: skip
 @opt.option("--known NAME,...", "Microphones whose positions are given.", type=opt.microphone_names, default=())
-@opt.option("--known-sigma LENGTH", "One sigma of each given coordinate.", type=opt.length, default="0mm")
+@opt.option("--known-sigma LENGTH", "Standard deviation of each given coordinate.", type=opt.length, default="0mm")
 @opt.option("--gain-sigma DB", "gain_sigma_db", "Spread of the channels' gains.", type=opt.decibels, default="0dB")
-@opt.option("--accuracy LENGTH", "The RMS error that is wanted.", type=opt.length, default="10mm")
-@opt.option("--takes N", "Source positions, each recorded for the same time.", type=int, default=1)
-@opt.option("--kind", "impulse: arrival times count, too.", type=["stationary", "impulse"], default="stationary")
-@opt.option("--seed S", "Random seed of the places of the source.", type=click.IntRange(0), default=0)
+@opt.option("--accuracy LENGTH", "RMS error to aim for.", type=opt.length, default="10mm")
+@opt.option("--takes N", "Number of source positions, each recorded for the same time.", type=int, default=1)
+@opt.option("--kind", "impulse: arrival times are used as well.", type=["stationary", "impulse"], default="stationary")
+@opt.option("--seed S", "Random seed of the source positions.", type=click.IntRange(0), default=0)
 def plan(layout, room, known, seed, **given):
-    """Forecast how exactly an array can be calibrated.
+    """Forecast how accurately an array can be calibrated.
 
-    LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words: "circle 16
-    0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
+    LAYOUT is a table name,x,y[,z] or another file of positions, a scene, or a geometry in words, with lengths in
+    metres: "circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4".
     """
     from ..session.plan import PlanRequest, make_plan, plan_lines, read_layout
 
@@ -301,9 +302,10 @@ def scenes():
 
 @commands.command()
 def warm():
-    """Compile in advance the code that the first runs would have to wait for.
+    """Compile code in advance, so that the first runs do not have to wait for it.
 
-    Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
+    The simulation of a scene, the solver descent and the maps of the page need compiled code. The calibration of a
+    measurement needs none.
     """
     pieces = all_pieces()
     for number, (name, compile_piece) in enumerate(pieces, 1):

@@ -29,10 +29,11 @@ from . import report
 def import_(sources, output, force, **recorded):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a sound or SOFA file, a folder of them or of MeshRIR, or arrays of samples: .npz, .npy, .mat, .h5, .csv.
+    INPUT is a sound file, a SOFA file, a folder of such files, a folder of the MeshRIR data set, or a file with arrays
+    of samples: .npz, .npy, .mat, .h5, .csv.
 
-    Several files are takes, of the same channels with the source at other places; files of one channel each are the
-    channels of one take.
+    Several files are several takes of the same channels, each with the source at another place. Files with one channel
+    each are the channels of a single take.
     """
     path = opt.output_path(output, ".npz", force, *sources, recorded["reference"])
     from ..recordings.importer import import_recording, import_summary
@@ -49,7 +50,7 @@ def import_(sources, output, force, **recorded):
 @click.argument("result", metavar="RESULT.json")
 @opt.output_option("FILE.csv|json|xml|sofa|npy")
 @opt.option("--frame", "Coordinate axes.  [default: those of the result]", type=["known", "minimal", "axes"])
-@opt.option("--table", "gains: as .csv, or Acoular's .xml.", type=["positions", "gains"], default="positions")
+@opt.option("--table", "gains: to .csv, or to Acoular's .xml.", type=["positions", "gains"], default="positions")
 @opt.force_option
 def export(result, output, frame, table, force):
     """Write positions or gains of a result for other programs.
@@ -67,17 +68,17 @@ def export(result, output, frame, table, force):
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
-@opt.option("--positions FILE", "List to compare with: a table name,x,y[,z], or a geometry.")
+@opt.option("--positions FILE", "Positions to compare with: a table name,x,y[,z], or a geometry file.")
 @opt.recording_options(*opt.RECORDED)
 def doctor(sources, positions, **recorded):
     """Check whether a recording, or a published data set, is what it claims to be.
 
-    FILE is what `fdcal calibrate` takes. Each finding is one line: channels that are silent, clipped, copies or
-    different; responses that wrap round; clocks that differ; whether there is one sound field, and whether it was
-    measured or simulated; whether the list fits.
+    FILE is a file that `fdcal calibrate` accepts. Each finding is one line. The findings are about channels that are
+    silent, clipped, copies of others or unlike the others; impulse responses that wrap round; clocks that differ;
+    whether all channels recorded one sound field, and whether it was measured or simulated; and whether the list of
+    positions fits.
 
-    The exit code is 5 if the list does not fit, otherwise 4 if anything else is at fault or the list
-    cannot be judged.
+    The exit code is 5 if the list does not fit, otherwise 4 if there is any other fault or the list cannot be judged.
     """
     from ..session.doctor import examine
 
@@ -96,26 +97,28 @@ INTERRUPTED = 130  # exit code
 @click.command()
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @opt.output_option("TAKE.wav|w64")
-@opt.option("--channels N", "inputs", "The first N inputs.  [default: all]", type=click.IntRange(1))
+@opt.option("--channels N", "inputs", "Record only the first N inputs.  [default: all]", type=click.IntRange(1))
 @opt.option("--seconds", "Length of each take.", type=float, default=30.0)
 @opt.option("--rate HZ", "Sampling rate.  [default: the card's]", type=float)
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
-@opt.option("--replay FILE", "Recording to replay instead of a sound card, one for each take.", multiple=True)
-@opt.option("--positions FILE", "List of all positions, to find swapped channels.")
-@opt.option("--known NAMES|FILE", "Known microphones, as for import.")
-@opt.option("--temperature C", "Of the air, degrees Celsius.", type=float)
-@opt.option("--array-dimension", "2: the microphones lie in a plane.", type=click.IntRange(2, 3))
-@opt.option("--result RESULT.json", "File that the result is written to after each take.")
+@opt.option("--replay FILE", "Recording to use instead of a sound card; give one for each take.", multiple=True)
+@opt.option("--positions FILE", "List of all positions, by which swapped channels are found.")
+@opt.option("--known NAMES|FILE", "Known microphones, as for `fdcal import`.")
+@opt.option("--temperature C", "Air temperature, degrees Celsius.", type=float)
+@opt.option("--array-dimension", "2 if the array is plane, else 3.  [default: detected]", type=click.IntRange(2, 3))
+@opt.option("--result RESULT.json", "File to which the result is written after each take.")
 @opt.force_option
 def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,
            result, force: bool):  # fmt: skip
-    """Record takes, and see after each where the microphones are.
+    """Record takes, and print after each take where the microphones are.
 
-    EARLIER are takes recorded before, of the same array. The next take has the next free number: take1.wav, take2.wav.
-    While a take is recorded, the command names silent, clipped and duplicated channels; after the take it names
-    inverted and dead channels and, with --positions, swapped ones. Ctrl-C ends a take and keeps what was recorded.
+    EARLIER are files of takes of the same array that were recorded before. Each take is written to the file with the
+    next free number: take1.wav, take2.wav. While a take is recorded, the command names silent, clipped and duplicated
+    channels. After the take it names inverted and dead channels and, with --positions, swapped ones. Ctrl-C ends a take
+    and keeps what was recorded.
 
-    The exit code is that of calibrate with all takes, 4 if they give no result, 130 after Ctrl-C.
+    The exit code is that of `fdcal calibrate --check` for all takes together, 4 if they give no result, and 130 after
+    Ctrl-C.
     """
     from tqdm import tqdm
 
@@ -125,7 +128,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     rate = None if rate is None else convert(rate, Annotated[float, within(1000, 1e7, "Hz")], "rate")
     if replay and (device is not None or rate is not None):
         key = "rate" if device is None else "device"
-        raise InputError("a file is replayed, not a sound card", f"leave out <{key}>", key=key)
+        raise InputError("the takes are read from files, not from a sound card", f"leave out <{key}>", key=key)
     options = ImportOptions(
         leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
     )
@@ -193,8 +196,8 @@ def _result(paths: list[str], positions: str | None, options: ImportOptions, pat
 
 
 def _answer(this: str, following: str) -> str:
-    """Ask what to do next: "" is another take, "r" this take again, "q" the end; "q" without an input to ask."""
-    question = f"Move the loudspeaker. Enter records {following}, r {this} again, q ends: "
+    """Ask what to do next; return "" for another take, "r" for this take again, "q" to end or if nobody can answer."""
+    question = f"Move the loudspeaker. Press Enter to record {following}, r to record {this} again, q to end: "
     try:
         while (answer := input(question).strip().lower()) not in ("", "r", "q"):
             pass

@@ -1,8 +1,8 @@
-"""What a gallery shows: the paper's Fig. 1 and the lessons, as pages of files.
+"""The pages of a gallery: a replay of the paper's Fig. 1, and the lessons.
 
-The page of a lesson has the text, the question and its answer beside the run that each step shows. It holds a run for
-each scene of the lesson. Each part of a step, before and after its answer, shows some states of one run
-(`replay_page/lesson.js`).
+The page of a lesson shows, for each step, its text, its question and its answer beside a run. The page contains one run
+for each scene of the lesson. A step has one part before its answer and one after it; each part shows some states of one
+run (`replay_page/lesson.js`).
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -31,12 +31,12 @@ from ..session.sources import CalibrationInput, with_settings
 from ..solvers.interface import RunState
 from .options import scene_of
 
-MAX_BYTES = 1_000_000  # largest size of one replay
+MAX_BYTES = 1_000_000  # largest size of the replay of Fig. 1
 TITLE = "Microphone positions from the resonances of a room"
 INTRODUCTION = (
     "fdcal finds where the microphones of an array are, from what they record of a reverberant room. Each picture opens"
-    " a run or a lesson that plays in this browser; the address of a page names what it shows, so you can link to a"
-    " moment."
+    " a run or a lesson that plays in this browser. The address of a page contains what it shows, so you can link to"
+    " any moment."
 )
 
 
@@ -44,18 +44,18 @@ INTRODUCTION = (
 SCENE, MICROPHONE, MODE = "fig1_square", 16, 92
 RUN_TITLE = "Fig. 1: many minima"
 RUN_TEXT = (
-    "One frequency leaves eight places for microphone 16. Add others with the slider Frequencies: one place is left."
-    " Drag the microphone, and let it go."
+    "At one frequency, eight places fit microphone 16. Add more frequencies with the slider Frequencies until one place"
+    " is left. Drag the microphone, and let it go."
 )
 # Lessons in the index, and their descriptions.
 LESSONS = {
     "1_many_minima": "Why one frequency is not enough: a question, an answer, and a microphone to drag.",
     "2_joint_minimum": "Add frequencies one after the other, and one minimum is left.",
-    "3_too_many_too_soon": "Sixteen microphones from a random start: take steps of descent yourself.",
-    "4_frozen_grid": "Why descent on a grid stops short of the truth, and what finds it.",
-    "5_corner_or_centre": "The error over the distance from the known microphones: the paper's Fig. 5.",
-    "6_noise_and_error_bars": "What noise does, and whether the error ellipses hold what they promise.",
-    "7_one_bad_channel": "A swapped cable: how it shows, and which method names it.",
+    "3_too_many_too_soon": "Sixteen microphones at random starts: take the steps of the paper's method yourself.",
+    "4_frozen_grid": "Why descent on a grid stops before it reaches the true positions, and which method reaches them.",
+    "5_corner_or_centre": "How the error grows with the distance from the known microphones: the paper's Fig. 5.",
+    "6_noise_and_error_bars": "What noise does, and whether the error ellipses contain the true positions.",
+    "7_one_bad_channel": "A swapped cable: how you notice it, and which method names the channel.",
     "8_second_place": "What a second position of the loudspeaker brings.",
 }
 Progress = Callable[..., None]
@@ -98,9 +98,9 @@ MAX_LESSON_BYTES = 2_000_000
 def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | None = None) -> tuple[str, str]:
     """Return the page of a lesson and a picture of its first map; `following`: address of the next lesson's page.
 
-    Steps that show a standing wave are left out: the browser computes maps of the cost alone.
+    Steps that show a standing wave are left out, because the page can compute only maps of the cost.
 
-    `measurement`: of the lesson's only scene, which is simulated unless it is given.
+    `measurement`: that of the lesson's only scene; without it, the scenes are simulated.
     """
     lesson = replace(lesson, steps=tuple(step for step in lesson.steps if step.page.map != "shape"))
     scenes, groups, steps = list[tuple[Scene, int]](), list[list[LessonSetting]](), list[dict]()
@@ -127,7 +127,7 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
 def _lesson_run(
     scene: Scene, seed: int, settings: Sequence[LessonSetting], measurement: Measurement | None, max_bytes: int
 ) -> tuple[dict, list[dict], str]:
-    """Return the data of the run that some parts of a lesson show, these parts, and a picture of the first map."""
+    """Return the data of the run that some parts of a lesson show, these parts, and an image of the first map."""
     measurement = cached_measurement(scene) if measurement is None else measurement
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     states, parts, panel, ellipses = list[RunState](), list[dict](), "none", False
@@ -145,7 +145,7 @@ def _lesson_run(
     data = run_data(
         scene, measurement, states, reference_cost_of(problem), problem=problem, max_bytes=max_bytes, parts=parts
     )
-    if ellipses and found is not None:  # at the end of the run: the two longest half axes as drawn, and the words
+    if ellipses and found is not None:  # of the last state: the two longest half axes as drawn, and the legend
         axes = ellipse_axes(found.covariance, confidence_factor(0.95, measurement.array_dimension))
         x0, y0, x1, y1 = focus_of(measurement)
         scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
@@ -160,7 +160,7 @@ def _lesson_run(
 
 
 def _part(setting: LessonSetting, problem: Problem) -> dict:
-    """Return the settings of a part of a step under their names in the replay; settings left out stay unchanged."""
+    """Return the settings of a part of a step under their names in the replay; a missing setting changes nothing."""
     values: dict = {
         "microphone": -1 if setting.follow else setting.microphone,
         "objective": None if setting.quantity is None else setting.quantity == "objective",
@@ -177,6 +177,6 @@ def _part(setting: LessonSetting, problem: Problem) -> dict:
     elif text is not None:
         modes = parse_modes(text, len(problem.frequencies))
         if modes != tuple(range(modes[0], modes[-1] + 1)):
-            raise InputError(f'map_modes = "{text}" has gaps', "give one range, as 1-20", key="map_modes")
+            raise InputError(f'map_modes = "{text}" has gaps', "give one range, such as 1-20", key="map_modes")
         part["modes"] = [modes[0], modes[-1]]
     return part

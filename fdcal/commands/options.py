@@ -1,7 +1,7 @@
 """The options that several commands have: their values, and the files that they name.
 
-A `ValueOf` is the type of an option: click names the option before its message. The message for a wrong value has an
-example of a right one.
+A `ValueOf` is the type of an option. click puts the name of the option before the message for a wrong value; the
+message contains an example of a correct value.
 """
 
 import math
@@ -32,19 +32,19 @@ NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 class ValueOf(click.ParamType):
     """The type of an option."""
 
-    read: Callable[[str], Any]  # parses it
-    words: str  # the end of the message for a text that it cannot parse
+    read: Callable[[str], Any]  # parses a text; ValueError if it cannot
+    words: str  # the end of the message for a text that `read` cannot parse
     name = "value"
 
     def convert(self, value, param, ctx) -> Any:
         try:
-            return value if not isinstance(value, str) else self.read(value)  # else the default of the option
+            return value if not isinstance(value, str) else self.read(value)  # a default is not parsed
         except ValueError:
             self.fail(f'"{value}" {self.words}', param, ctx)
 
 
 def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
-    """Return the groups of a pattern that matches a whole text; ValueError if it does not match."""
+    """Return the groups of the pattern; ValueError if it does not match the whole text."""
     match = re.fullmatch(pattern, value.strip(), flags)
     if match is None:
         raise ValueError
@@ -52,7 +52,7 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
 
 
 def _quantity(value: str, units: str, low: float = 0.0) -> float:
-    """Return a quantity, a length in metres and a time in seconds; ValueError for another unit, or below `low`."""
+    """Return a quantity, lengths in metres, times in seconds; ValueError for another unit or a value below `low`."""
     number, unit = _matched(rf"{NUMBER}\s*({units})", value)
     if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
         raise ValueError
@@ -74,44 +74,44 @@ def _distance(value: str) -> tuple[str, str, float]:
 def _separated(
     value: str, separator: str, kind: type, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
 ) -> tuple[Any, ...]:
-    """Return the numbers in a text; ValueError unless they are from `low` to `high`, and their number in `counts`."""
+    """Return the numbers in a text; ValueError unless all are from `low` to `high` and `counts` allows so many."""
     found = tuple(kind(part) for part in value.lower().split(separator))
     if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
         raise ValueError
     return found
 
 
-numbers = ValueOf(lambda value: _separated(value, ",", float), "is not a list of numbers; write them as 1,5,9")
-microphone_names = ValueOf(_names, "is not a list of microphones; write them with commas between, as 3,17")
-distance = ValueOf(_distance, "must be two microphones and metres, as 0,5,1.25")
+numbers = ValueOf(lambda value: _separated(value, ",", float), "is not a list of numbers; write, for example, 1,5,9")
+microphone_names = ValueOf(_names, "is not a list of microphones; separate them by commas, for example 3,17")
+distance = ValueOf(_distance, "must be two microphones and metres, for example 0,5,1.25")
 room_size = ValueOf(
     lambda value: _separated(value, "x", float, LIMITS.smallest, LIMITS.largest, (2, 3)),
-    "is not the size of a room; write lengths above zero, in metres, as 6x5 or 6x5x2.7",
+    "is not the size of a room; write lengths above zero, in metres, for example 6x5 or 6x5x2.7",
 )
 picture_size = ValueOf(
     lambda value: _separated(value, "x", int, MIN_PIXELS, MAX_PIXELS, (2,)),
-    f"is not a picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each",
+    f"is not a picture size; write WIDTHxHEIGHT, for example 1280x800, each from {MIN_PIXELS} to {MAX_PIXELS}",
 )
 gain_sigma = ValueOf(  # dB and degrees
     lambda value: tuple(map(float, _matched(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value, re.IGNORECASE))),
-    "must be decibels and degrees with their units, as 1dB,5deg",
+    "must be decibels and degrees with their units, for example 1dB,5deg",
 )
-length = ValueOf(lambda text: _quantity(text, "mm|cm|m"), "must be a length with its unit, mm, cm or m, as 5mm")
+length = ValueOf(lambda text: _quantity(text, "mm|cm|m"), "must be a length with its unit, for example 5mm")
 band = ValueOf(
-    lambda value: _separated(value, ":", float, counts=(2,)), "is not a band; write LO:HI in hertz, as 20:300"
+    lambda value: _separated(value, ":", float, counts=(2,)), "is not a band; write LO:HI in hertz, for example 20:300"
 )
 duration = ValueOf(
-    lambda value: _quantity(value, "ms|s", LIMITS.smallest), "must be a time with its unit, s or ms, as 10s"
+    lambda value: _quantity(value, "ms|s", LIMITS.smallest), "must be a time with its unit, for example 10s"
 )
 source_number = ValueOf(
-    lambda value: value if value == "all" else int(value), "is not the number of a source; write one from 0, or all"
+    lambda value: value if value == "all" else int(value), "is not a source; write a whole number from 0, or all"
 )
-decibels = ValueOf(lambda value: _quantity(value, "(?i:dB)"), "must be decibels with their unit, as 1dB")
-percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a number of percent with its sign, as 0.3%")
+decibels = ValueOf(lambda value: _quantity(value, "(?i:dB)"), "must be decibels with their unit, for example 1dB")
+percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a percentage with its sign, e.g. 0.3%")
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
-    """Return the path of the option -o; it is checked before the work begins, which may take long.
+    """Return the path of the option -o; commands check it before they begin work that may take long.
 
     `suffix`: allowed suffixes, in lower case; `inputs`: files that must not be overwritten, even with `force`.
     """
@@ -126,7 +126,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
         if linked or os.path.realpath(source) == os.path.realpath(path):
-            raise InputError(f"-o {text} is the input itself, never overwritten", "choose another name", key="output")
+            raise InputError(f"-o {text} is the input itself; it is not overwritten", "choose another", key="output")
     if path.exists() and not force:
         raise InputError(f"-o {text} exists", "add <force> to overwrite it, or choose another name", key="output")
     return path
@@ -168,7 +168,7 @@ def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
     """Yield a function that shows progress in a bar on standard error; the bar appears with the first call.
 
     While the fraction done is 0, the bar shows only the elapsed time. Nothing is written unless standard error is a
-    terminal that can write a line again.
+    terminal on which a line can be rewritten.
     """
     from tqdm import tqdm
 
@@ -179,7 +179,7 @@ def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
             bars.append(tqdm(total=1.0, desc=title, mininterval=0.2, file=sys.stderr, disable=not rewrites_lines()))
         bars[0].bar_format = BAR if done else "{desc} {elapsed}{postfix}"
         bars[0].set_postfix_str(note, refresh=False)
-        if done < bars[0].n:  # another run, or a restart; `update` would show nothing for a long time
+        if done < bars[0].n:  # a new run or a restart; `update` alone would show nothing for a long time
             bars[0].n = bars[0].last_print_n = done
             bars[0].refresh()
         bars[0].update(done - bars[0].n)
@@ -192,9 +192,10 @@ def progress_bar(title: str) -> Iterator[sources.ProgressReport]:
 
 
 def option(name: str, *texts: str, type: Any = None, **more: Any):
-    """Return an option from its name and placeholder, as "--snr DB", its argument if that differs, and its help.
+    """Return an option of click.
 
-    A list as `type` is a choice.
+    `name`: the option and its placeholder, for example "--snr DB"; `texts`: the name of the function's argument, if it
+    differs from the option's, and the help; `type`: a type of click, or a list of the choices.
     """
     (name, _, metavar), (*argument, text) = name.partition(" "), texts
     kind = click.Choice(type) if isinstance(type, (list, tuple)) else type
@@ -210,18 +211,19 @@ def output_option(what: str, required: bool = True):
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
 result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
-modes_option = option("--modes M", "Frequencies in use at the end, lowest first.  [default: all usable ones]", type=int)
+modes_option = option("--modes M", "Use only the M lowest frequencies.  [default: all usable ones]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
-solver_option = option("--solver", "joint: equal channels; descent: the paper's.  [default: the scene's]", type=names())
+solver_option = option("--solver", "joint: equal channels; descent: the paper's method.  [default: the scene's]",
+                       type=names())  # fmt: skip
 
 
 KNOWN = ("all", "minimal", "none")  # microphones whose positions a solver is given
 
 
 def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> Callable[[Any], Any]:
-    """Return a decorator that adds the options that a dataclass declares, all or those named.
+    """Return a decorator that adds the options that the fields of a dataclass declare: all, or those in `names`.
 
-    `types`: the types of options whose text is not yet the value of the field.
+    `types`: type of an option by the name of its field, where the declared type cannot parse the text.
     """
 
     def add(command):
@@ -233,7 +235,7 @@ def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> C
                 choices = get_args(kind)
                 number = int if isinstance(choices[0], int) else None
                 kind = click.Choice([str(one) for one in choices])
-            fixed = field.default is not None and record is ImportOptions  # a scene has settings of its own
+            fixed = field.default is not None and record is ImportOptions  # the scene has its own settings
             default = f"  [default: {field.default}]" if fixed else ""
             command = click.option(
                 f"--{field.name.replace('_', '-')}",
@@ -255,15 +257,15 @@ RECORDED = ("frequencies", "kind", "reference", "temperature", "rate", "array_di
 
 
 def recording_options(*names: str) -> Callable[[Any], Any]:
-    """Return a decorator that adds the options of `ImportOptions`, all or those named, and those of several files."""
+    """Return a decorator that adds the options of `ImportOptions`, all or those in `names`, and those of files."""
 
     def add(command):
         command = declared_options(ImportOptions, names)(command)
         for one in reversed((
-            click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
-            click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
-            option("--split TIME", "Cut a long recording into takes of this length, as 10s.", type=duration),
-            option("--source I|all", "Which of several sources, from 0; all: each is a take.", type=source_number),
+            click.option("--takes", "files", flag_value="takes", help="Treat several files as several takes."),
+            click.option("--channels", "files", flag_value="channels", help="Treat several files as one take."),
+            option("--split TIME", "Cut a long recording into takes of this length, e.g. 10s.", type=duration),
+            option("--source I|all", "Which of several sources to use, from 0; all: a take each.", type=source_number),
         )):  # fmt: skip
             command = one(command)
         return command
@@ -272,7 +274,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
 
 
 def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
-    """Return the given options of recordings, or None; InputError if a source is not a recording."""
+    """Return the options of recordings that are given, or None; InputError if they are and a file is no recording."""
     given = {key: value for key, value in recorded.items() if value is not None}
     if not given:
         return None
@@ -280,7 +282,7 @@ def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportO
     if other is not None:
         key, remedy = next(iter(given)), ""
         if key == "known":
-            remedy = f": use {', '.join(KNOWN)}, or import with them: fdcal import INPUT -o FILE.npz --known FILE.csv"
+            remedy = f": use {', '.join(KNOWN)}, or import the file: fdcal import INPUT -o FILE.npz --known FILE.csv"
         raise InputError(f"{other} holds no recordings", f"leave out <{key}>{remedy}", key=key)
     return ImportOptions(**given)
 

@@ -20,18 +20,18 @@ from .report import error_title
 
 @click.command()
 @click.argument("source", metavar="SCENE|FILE.npz")
-@opt.option("--microphone N", "The microphone to move: its name, or its number from 0.", required=True)
-@opt.option("--mode-numbers M,M,...", "Frequencies to draw, by number from 1, as 1-3,9.  [default: 1,5,9]")
+@opt.option("--microphone N", "Name of the microphone to move, or its number, counted from 0.", required=True)
+@opt.option("--mode-numbers M,M,...", "Numbers of the frequencies to draw, from 1, e.g. 1-3,9.  [default: 1,5,9]")
 @opt.result_option
 @opt.output_option("FIG.png|svg")
 @opt.force_option
 def landscape(source, microphone, mode_numbers, result, output, force):
-    """Draw the cost of moving one microphone, at each frequency and summed.
+    """Draw the cost of moving one microphone, for each frequency and for their sum.
 
-    This is Fig. 1 of the paper.
+    The figure is like Fig. 1 of the paper.
 
-    The suffix selects a picture or a drawing. The other microphones stand at their true positions, or at those of a
-    result. `fdcal snapshot` draws the cost of an array in space.
+    The suffix selects pixels (.png) or a vector drawing (.svg). The other microphones stand at their true positions, or
+    at those of a result. For an array in space, use `fdcal snapshot`.
     """
     path = opt.output_path(output, [".png", ".svg"], force)
     from ..cost.maps import landscape_panels
@@ -51,11 +51,11 @@ def landscape(source, microphone, mode_numbers, result, output, force):
     content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
-    print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
+    print(f"{path}: microphone {n}, lowest cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
-    """Return the positions (N, D), metres, of a result, moved onto the true ones if it is blind; or the true ones."""
+    """Return the positions (N, D), metres, of a result, aligned with the true ones if none were given, or the true."""
     if result is not None:
         return result.positions_for(measurement)
     if measurement.positions is None:
@@ -66,9 +66,9 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
 @click.command()
 @click.argument("scene")
 @opt.result_option
-@opt.option("--microphone N", "Draw its cost landscape: on the floor, or as isosurfaces in space.")
+@opt.option("--microphone N", "Microphone whose cost landscape is drawn: on the floor, or as isosurfaces in space.")
 @opt.option("--view", "Camera position.", type=["top", "3d", "close"], default="top")
-@opt.option("--size WxH", "Pixels.", type=opt.picture_size, default="1280x800")
+@opt.option("--size WxH", "Width and height, pixels.", type=opt.picture_size, default="1280x800")
 @opt.output_option("FILE.png")
 @opt.force_option
 def snapshot(scene, result, microphone, view, size, output, force):
@@ -103,14 +103,14 @@ def snapshot(scene, result, microphone, view, size, output, force):
 @opt.solver_option
 @opt.modes_option
 @opt.seed_option
-@opt.option("--microphone N", "Whose map is shown first: its name, or its number from 0.")
+@opt.option("--microphone N", "Microphone whose map is shown first: its name, or its number, counted from 0.")
 @opt.output_option("FILE.html")
 @opt.force_option
 def replay(source, solver, modes, seed, microphone, output, force):
     """Write a calibration as a page that plays in any browser.
 
-    The page maps the cost of moving any microphone, at any step, over any frequencies; the address after # selects
-    what is shown, as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
+    The page maps the cost of moving any microphone, at any step, over any frequencies. The part of the address after #
+    selects what is shown, for example FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = opt.output_path(output, ".html", force)
     from ..cost.eq7 import reference_cost_of
@@ -138,7 +138,7 @@ def replay(source, solver, modes, seed, microphone, output, force):
 def gallery(output: str, force: bool):
     """Write a static site of replays with an index page, which any web server can host and any browser opens.
 
-    It plays the paper's Fig. 1, and holds the lessons. It needs no network.
+    The site has a replay of the paper's Fig. 1, and the lessons. It needs no network.
     """
     with folder_in_progress(output, force) as folder:
         from .gallery_pages import gallery_pages

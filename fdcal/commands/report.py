@@ -1,7 +1,7 @@
 """A calibration in words: what `calibrate` and `record` print, and the comparison with other positions.
 
-`record` imports the takes so far without their faulty channels and calibrates them by solver robust, which finds
-inverted and dead channels. The comparison with a list of positions shows swapped channels.
+`record` leaves out the faulty channels of the takes so far, and calibrates with the solver robust, which finds inverted
+and dead channels. The comparison with a list of positions shows swapped channels.
 """
 
 import numpy as np
@@ -25,13 +25,13 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
     said["radius"] = word_arguments(inputs.radius, OPTIONS)
     if said["array"] and inputs.scene is None:
-        said["array"] += word_arguments("; an import with <array_dimension> 3 seeks heights, too", OPTIONS)
+        said["array"] += word_arguments("; an import with <array_dimension> 3 estimates heights, too", OPTIONS)
     sigma = result.sound_speed_sigma
     if inputs.distance is not None or sigma is not None:
         certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"
         said["speed"] = f"{result.sound_speed:.2f} m/s estimated{certain}; {measurement.sound_speed:.1f} m/s given"
     if inputs.scene is not None and inputs.scene.room.response is not None:
-        said["field"] = "plane waves of a measured impulse response: modelled between the microphones"
+        said["field"] = "plane waves from an impulse response measured at one point; modelled between the microphones"
     if (given := words.given_table(result)) is not None:
         (head, table), widths = given, [max(map(len, column)) for column in zip(*given[1], strict=True)]
         rows = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)
@@ -51,15 +51,15 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
 
 UNITS_APART = 2.0  # a list whose size differs by at least this factor counts as one in another unit
-TWO_MOTIONS = 'these distances differ from those in the line "error", because the array is moved onto the list'
-TWO_MOTIONS += " without the wrong rows"
+TWO_MOTIONS = 'these distances differ from those in the line "error", because they were computed after the array was'
+TWO_MOTIONS += " aligned with the list without its wrong rows"
 # Relative difference of the largest errors by two alignments above which a sentence explains it; a smaller one hardly
 # shows in the millimetres that are printed.
 MAX_APART = 0.05
 
 
 def _size_is_open(inputs: CalibrationInput, result: Calibration) -> bool:
-    """Return whether the size of the array is undetermined; it is then scaled to the size of the list."""
+    """Return whether the size of the array is undetermined; the array is then scaled to the size of the list."""
     ratio = size_ratio(result.positions, np.asarray(inputs.measurement.positions))
     wrong = result.verdict != "good" and MAX_SCALE < max(ratio, 1 / ratio) < UNITS_APART
     return result.verdict == "scale_undetermined" or wrong
@@ -75,14 +75,14 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
     if check.fits and check.scale == 1 and not scaled and apart > MAX_APART * error > 0:
         lines.insert(-len(names), TWO_MOTIONS)
     if scaled:
-        size = f"the size of the array found is not to be trusted ({result.verdict})"
+        size = f"the size of the array found cannot be trusted ({result.verdict})"
         lines.append(f"{size}: the array is scaled to the size of the list for this comparison")
     listed = inputs.compared_with or f"the {'nominal' if measurement.nominal else 'true'} positions"
     return "\n".join([f"comparison of the positions found with {listed}:", *lines])
 
 
 def error_title(measurement: Measurement, result: Calibration) -> str:
-    """Return the errors of a result in words, over the microphones that `fdcal calibrate` averages."""
+    """Return the errors of a result in words, over the same microphones as `fdcal calibrate`."""
     given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
     compared = result.compared_with(measurement, given)
     errors = None if compared.errors is None else compared.errors[result.counted(given)]
@@ -95,7 +95,7 @@ NEXT = "move the loudspeaker to the other side of the array"
 def takes_report(
     takes: int, inputs: CalibrationInput, result: Calibration, check: PositionCheck | None
 ) -> tuple[list[str], bool]:
-    """Return the result of some takes in lines, the positions included, and whether a list of them is wrong."""
+    """Return the lines of the report on `takes` takes, and whether the list of positions is wrong."""
     listed, said = inputs.measurement.positions, words.result_sentences(result, inputs.measurement, inputs.given)
     sigmas = np.full(len(result.names), np.nan) if result.uncertainty is None else result.uncertainty
     sigma = float(np.sqrt(np.mean(sigmas[result.healthy] ** 2)))
@@ -109,14 +109,14 @@ def takes_report(
     if result.mean_error is not None:
         lines.append(f"list    {words.error_words(result)} from {inputs.compared_with}")
         if check is not None and not check.fits:
-            lines.append("list    it does not fit the array found in any order")
+            lines.append("list    the positions listed do not fit the array found in any order")
     named = "; ".join([*(words.faults_text([fault]) for fault in faults), *wrong])
     lines += [f"verdict {said['verdict']}", f"faults  {named or 'none found'}"]
     if wrong or any(FAULTS[fault.kind].mend for fault in faults):
         lines.append("next    correct the channels, and record this take again")
     else:
         after = sigma * float(np.sqrt(takes / (takes + 1)))  # with the information of an average take
-        lines.append(f"next    {NEXT}: another take brings one sigma to about {length_text(after, 2)}")
+        lines.append(f"next    {NEXT}: another take reduces one sigma to about {length_text(after, 2)}")
     kinds = {fault.name: fault.kind for fault in faults}
     axes = "xyz"[: result.positions.shape[1]]
     lines.append(f"microphone{''.join(f'{axis} (m)'.rjust(10) for axis in axes)}   one sigma")

@@ -231,23 +231,23 @@ class SolverSettings:
         None, "Positions to begin with.  [default: the solver's own]"
     )
     noise: Annotated[str, within(solver="joint")] = option(
-        "reported", "SNR of each frequency, dB; auto: estimate it; reported: that of the file.", "DB|auto|reported"
+        "reported", "SNR of each frequency, dB; auto: estimated; reported: taken from the file.", "DB|auto|reported"
     )
     known: Literal["all", "minimal", "none"] = option(
         "all",
-        "Known microphones to use; minimal: the fewest that fix position, rotation and mirror image.",
+        "Known microphones to use; minimal: as few as fix position, rotation and mirror image.",
         "all|minimal|none|NAMES|FILE.csv",
     )
     gains: Annotated[Literal["auto", "fixed"], within(solver="robust")] = option(
-        "auto", "Whether solver robust seeks gain and phase of every channel."
+        "auto", "auto: solver robust estimates gain and phase of every channel; fixed: it does not."
     )
     gain_sigma_db: Annotated[float, positive("dB", solver="robust", with_gains=True)] | None = None
     phase_sigma_deg: Annotated[float, positive("degrees", solver="robust", with_gains=True)] | None = None
     known_sigma: Annotated[float, within(0, LIMITS.largest, "m", solver="robust")] | None = option(
-        None, "Robust: one sigma of each given coordinate, as 5mm; 0mm is exact.  [default: estimated]", "LENGTH"
+        None, "For robust: one sigma of each given coordinate, e.g. 5mm; 0mm: exact.  [default: estimated]", "LENGTH"
     )
     sound_speed_sigma: Annotated[float, positive(solver="robust")] | None = option(
-        None, "Robust, joint: estimate it, with this prior sigma, as 0.3%.  [default: exact]", "PERCENT"
+        None, "For robust, joint: one sigma of the sound speed, e.g. 0.3%.  [default: it is exact]", "PERCENT"
     )
 
     OPTIONAL: typing.ClassVar = (

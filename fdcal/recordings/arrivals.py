@@ -5,8 +5,8 @@
     template  what all microphones have in common within a short window about that peak: the leading singular vector of
               the aligned windows. It includes the effects of an extended source, of the channels' filters and of the
               band of the recording, so that no shape is assumed
-    time      where the correlation of the window with the template is greatest, between samples (Knapp and Carter,
-              "The Generalized Correlation Method for Estimation of Time Delay", IEEE TASSP 24(4), 1976)
+    time      the lag, interpolated between samples, at which the window correlates best with the template (Knapp and
+              Carter, "The Generalized Correlation Method for Estimation of Time Delay", IEEE TASSP 24(4), 1976)
 
 A microphone has no arrival (NaN) if its window differs from the template, or if an earlier peak is nearly as high. A
 reflection within the window shifts the time by about
@@ -18,7 +18,7 @@ begins with this sigma and estimates the actual one.
 
     rho    correlation of the window with the template
     B      angular RMS bandwidth of the template
-    a      fraction of the difference that is a shift
+    a      fraction of the difference between window and template that has the effect of a shift
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class ArrivalRules:
 
     fine: int = 16  # points per sample
     first: float = 0.4  # least peak of the direct sound, as a fraction of the highest peak
-    # before, after: of the window about a peak, in samples, but at least `min_window` seconds each
+    # before, after: lengths of the window before and after a peak, in samples, but each at least `min_window` seconds
     before: float = 4.0
     after: float = 4.0
     min_window: float = 2.5e-4  # seconds
@@ -42,11 +42,11 @@ class ArrivalRules:
     min_correlation: float = 0.7  # with the template
     span: float = 0.02  # seconds, largest difference of an arrival from the median, as in an array of some metres
     rounds: int = 4  # iterations of the template and the times
-    # a of the module. With a = 1, sigma is 1.1 mm where errors are 0.3 mm (rooms of image sources), and 1.3 mm where
-    # they are 0.4 mm (a measured array)
+    # `a` of the equation above. With a = 1, sigma would be 1.1 mm where the errors are 0.3 mm (rooms of image sources),
+    # and 1.3 mm where they are 0.4 mm (a measured array)
     shifted: float = 0.4
-    min_sigma: float = 3e-4  # least one sigma of an arrival, as a path in metres
-    speed: float = 343.0  # m/s, by which `min_sigma` is divided
+    min_sigma: float = 3e-4  # least one sigma of an arrival, as a path length in metres
+    speed: float = 343.0  # m/s; `min_sigma` divided by it is a time
 
 
 DIRECT_SOUND = ArrivalRules()
@@ -80,7 +80,7 @@ def first_arrivals(responses: np.ndarray, rate: float) -> tuple[np.ndarray, floa
     if np.sum(found) < 3:
         return None
     at = np.where(found, at, before)
-    pad = 2 * int(DIRECT_SOUND.fine)  # a time moves by less than two samples from its peak
+    pad = 2 * int(DIRECT_SOUND.fine)  # an arrival lies less than two samples from its peak
     correlation, template = np.zeros(N), np.zeros(len(window))
     for _ in range(DIRECT_SOUND.rounds):
         cut = np.array([_cut(h, t, before, after) for h, t in zip(fine, at, strict=True)]) * window
@@ -105,14 +105,14 @@ def first_arrivals(responses: np.ndarray, rate: float) -> tuple[np.ndarray, floa
 
 
 def _cut(h: np.ndarray, at: float, before: int, after: int) -> np.ndarray:
-    """Return samples of h about `at`, interpolated linearly between samples."""
+    """Return samples of h from `before` points before `at` to `after` points after it, interpolated linearly."""
     first = int(np.floor(at))
     part, weight = h[first - before : first + after + 2], at - first
     return (1 - weight) * part[:-1] + weight * part[1:]
 
 
 def _best_lag(h, at: float, template, window, before: int, after: int, pad: int) -> tuple[float, float]:
-    """Return where the correlation of windowed samples with the template is greatest, and how great it is there."""
+    """Return the point at which windowed samples correlate best with the template, and the correlation there."""
     lags = np.arange(-pad, pad + 1)
     lags = lags[(at + lags > before) & (at + lags < len(h) - after - 2)]
     if len(lags) < 3:

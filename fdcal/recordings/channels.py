@@ -180,7 +180,7 @@ class TakeRules:
     # correlation of the coherences of a take with its own in another order, above which the array is symmetric, so that
     # rotated channels cannot be distinguished from sound from another side: circles have 0.6 to 0.97
     symmetric: float = 0.4
-    channels: int = 8  # least number for which the correlation over pairs of channels is significant
+    channels: int = 8  # least number of channels for which the correlation over their pairs is significant
 
 
 TAKES = TakeRules()
@@ -217,7 +217,7 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
 
 
 def _is_copy(one: Recording, other: Recording, x: np.ndarray, y: np.ndarray, factor: int) -> bool:
-    """Return whether two takes hold the same sound, from one channel of each, averaged over `factor` samples."""
+    """Return whether two takes contain the same sound; `x`, `y`: a channel of each, averaged over `factor` samples."""
     length = fast_length(len(x) + len(y))
     lag = int(np.argmax(np.abs(irfft(rfft(x, length) * rfft(y, length).conj(), length))))
     lag = lag if lag < len(x) else lag - length  # x[t + lag] belongs to y[t]
@@ -254,7 +254,7 @@ def _coherence(recording: Recording) -> np.ndarray:
     return np.mean(np.abs(total) ** 2 / product, axis=0)
 
 
-PLANE_TOLERANCE = 1e-3  # m: microphones this close to a plane lie in it
+PLANE_TOLERANCE = 1e-3  # m; microphones whose heights differ by no more lie in one plane
 
 
 def select_subset(recording: Recording, text: str) -> Recording:
@@ -267,8 +267,8 @@ def select_subset(recording: Recording, text: str) -> Recording:
     except (TypeError, ValueError):
         numbers = []
     if not numbers or len(set(numbers)) < len(numbers) or not all(0 <= n < count for n in numbers):
-        problem = f'subset = "{text}" does not name some of the microphones 0 to {count - 1}, each at most once'
-        raise InputError(problem, "write <subset> as 0,3,8:12, or ::4", key="subset")
+        problem = f'subset = "{text}" must name some of the microphones 0 to {count - 1}, each at most once'
+        raise InputError(problem, "write, for example, <subset> 0,3,8:12 or <subset> ::4", key="subset")
     return select_channels(recording, numbers)
 
 
@@ -295,7 +295,7 @@ def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.n
         return np.array([_index_of(recording, name, "known") for name in names]), positions
     if recording.positions is None:
         if Path(text).suffix and os.path.isfile(text):
-            raise refusal("known", text, "is no list of positions", f"give a file {', '.join(sorted(READERS))}")
+            raise refusal("known", text, "is not a list of positions", f"give a file {', '.join(sorted(READERS))}")
         raise InputError(f"known = {text}: {recording.path} contains no positions", "give <known> FILE", key="known")
     indices = np.array([_index_of(recording, part.strip(), "known") for part in text.split(",")])
     return indices, recording.positions[indices]

@@ -87,7 +87,7 @@ class SegmentSettings:
     max_duration: float = 8.0
     max_samples: int = 20_000_000  # largest number of samples of all channels in one segment
     max_matrix: int = 10_000_000  # largest number of values in all cross-spectral matrices together
-    max_count: int = 600  # largest number of segments; those of a longer recording are at even distances
+    max_count: int = 600  # largest number of segments; in a longer recording they are spread evenly
     # number of independent segments for which one counts: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 
@@ -139,9 +139,9 @@ def stationary_pressures(
 
 
 def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows: int, apart: float) -> np.ndarray:
-    """Return at most `max_rows` of the rows `keep`, ascending in frequency, which are `apart` Hz from each other.
+    """Return at most `max_rows` of the rows `keep`, ascending in frequency; different frequencies are `apart` Hz apart.
 
-    `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), those above the noise, best first.
+    `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), rows above the noise, best first.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)
@@ -162,7 +162,7 @@ def segments(recording: Recording, band: Band) -> tuple[int, np.ndarray]:
     if length / fs < 4 / band[0] or recording.samples < 4 * length:
         problem = f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz"
         least = max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count
-        raise InputError(problem, f"record {least:.0f} s or more; of an impulse response give <kind> impulse")
+        raise InputError(problem, f"record {least:.0f} s or more; for an impulse response, give <kind> impulse")
     starts = np.arange(0, recording.samples - length + 1, length // 2)
     if len(starts) > SEGMENTS.max_count:
         starts = starts[np.linspace(0, len(starts) - 1, SEGMENTS.max_count).astype(int)]
@@ -170,7 +170,7 @@ def segments(recording: Recording, band: Band) -> tuple[int, np.ndarray]:
 
 
 def min_duration(low: float) -> float:
-    """Return the least seconds of a recording from which a mean can be taken at `low` Hz."""
+    """Return the shortest duration, seconds, of a recording from which a mean can be taken at `low` Hz."""
     return 4 * max(SEGMENTS.min_duration, 8 / low)
 
 
@@ -178,8 +178,10 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     """Return the useful spacing of frequencies, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
-    does its power (N, B), half a `window`, Hz, apart; 1 / T_eq is pi h. A width below that of the window cannot be
-    measured, and the width of the window is used instead.
+    does its power; 1 / T_eq is pi h. A width below that of the window cannot be measured; the width of the window is
+    used instead.
+
+    `powers` (N, B): power of N channels at B frequencies, `window` / 2 apart; `window`: width of the window, Hz.
     """
     step = window / 2
     relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
@@ -190,7 +192,7 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
     near = float(alike[: high - low + 1].mean())
     below = np.flatnonzero(alike < near / 2)
     half = lags[below[0]] * step if near > 0 and len(below) else 0.0
-    half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
+    half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # 0: not wider than the window
     decorrelation = max(float(np.pi * half), window)
     return Spacing(max(decorrelation / OVERSAMPLING, window), decorrelation)
 
@@ -198,7 +200,7 @@ def room_spacing(powers: np.ndarray, window: float) -> Spacing:
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cross-spectral matrices (M, N, N) and the mean frequencies within the window (M,), Hz.
 
-    `number` (M,), bins of the transform of one segment of `length` samples; `starts` (K,), first samples of them.
+    `number` (M,), bins of the transform of one segment of `length` samples; `starts` (K,), first sample of each.
     """
     count, fs = recording.count, recording.sample_rate
     C = np.zeros((len(number), count, count), dtype=complex)
@@ -230,7 +232,8 @@ def eigenvectors(
     """Return the rows above noise and leakage, at least one for each frequency, in descending order of power.
 
     `C` (M, N, N), means over K `independent` segments; `leakage`: second eigenvalue of a single source over the first.
-    Returns frequency (R,), eigenvector (R, N) of the source's power, noise power v of one segment (R,) and SNR (R,).
+    Returns the index of the frequency (R,), the eigenvector (R, N) scaled to the power of the source, the noise power v
+    of one segment (R,) and the SNR (R,) as a ratio of powers.
     """
     values, vectors = np.linalg.eigh(C)
     values, vectors = np.maximum(values[:, ::-1], 0), vectors[:, :, ::-1]

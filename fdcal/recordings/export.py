@@ -1,4 +1,4 @@
-"""A calibration in files of other programs."""
+"""Write a calibration to files of other programs."""
 
 import xml.etree.ElementTree as tree
 from os import PathLike
@@ -30,7 +30,8 @@ def export(
     frame : str, optional
         Other coordinate axes than those of `Calibration.positions`: "known", "minimal" or "axes" (`Calibration.frame`).
     table : str
-        "positions", or "gains" of the channels, of solver "robust": a .csv table, or factors for Acoular (.xml).
+        What to write: "positions"; or "gains", those that solver "robust" found for the channels, as a .csv table or as
+        factors for Acoular (.xml).
     force : bool
         Whether an existing file is overwritten.
 
@@ -69,7 +70,7 @@ def export(
 def acoular_factors(result: Calibration) -> str:
     """Return the XML of Acoular's `Calib`: a factor for each channel, negative if it is inverted, 0 if it is dead.
 
-    Acoular takes it for pascal per unit; here it is relative to the median channel.
+    Acoular interprets a factor as pascals per unit; these factors are relative to the median channel.
     """
     channel_table(result)  # refuses a result without gains
     channels = result.channels

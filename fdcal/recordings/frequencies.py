@@ -46,7 +46,7 @@ ROWS = RowLimits()
 
 
 def default_max_rows(microphones: int, takes: int = 1) -> int:
-    """Return the default for the greatest number of rows of each take.
+    """Return the default largest number of rows of each take.
 
     It only bounds the computing time. It is divided by the number of takes, since rows of another take carry more
     information than rows that are closer in frequency.
@@ -158,7 +158,7 @@ def frequency_limit(
     if estimated:
         words = f"up to {radius:.2g} m, estimated from the coherence of the channels; <array_radius> sets it"
     if radius <= 0:
-        return FrequencyLimit(None, 0.0, "unknown; <array_radius> gives it")
+        return FrequencyLimit(None, 0.0, "unknown; <array_radius> sets it")
     planar = coordinate_count(recording, options, known_positions) == 2
     return FrequencyLimit(f_max(recording.count, radius, speed, options.dimension, planar), radius, words, estimated)
 
@@ -191,7 +191,7 @@ def given_band(recording: Recording, key: str, text: str) -> Band:
     (low, high), top = map(number_in, text.partition(":")[::2]), IMPORT_LIMITS.max_frequency * recording.sample_rate
     if not 0 < low < high <= top:
         problem = f'{key} = "{text}" is not a band that {recording.path} can hold'
-        raise InputError(problem, f"write auto or LO:HI, as 100:300, up to {top:g} Hz", key=key)
+        raise InputError(problem, f"write auto or LO:HI, for example 100:300, up to {top:g} Hz", key=key)
     return low, high
 
 
@@ -217,12 +217,12 @@ def frequency_band(recording: Recording, options: ImportOptions, found: Frequenc
             f"{recording.path}: {recording.count} microphones in a radius of {found.radius:.3g} m interpolate up to"
         )
         remedy = "give positions in metres, not in centimetres, millimetres or degrees"
-        problem += f" {found.limit:.3g} Hz, and the band begins at {low:g} Hz"
+        problem += f" {found.limit:.3g} Hz only, but the band begins at {low:g} Hz"
         raise InputError(problem, remedy, key="frequencies")
     if options.frequencies == "auto" and found.estimated and high <= low:
-        problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz only; a band begins at {low:.3g} Hz"
+        problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz; the band begins at {low:.3g} Hz"
         remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
         raise InputError(problem, remedy, key="frequencies")
     if not low < high:
-        given_band(recording, "frequencies", f"{low:g}:{high:g}")  # refuses it
+        given_band(recording, "frequencies", f"{low:g}:{high:g}")  # raises InputError
     return low, high

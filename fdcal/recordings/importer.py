@@ -35,9 +35,9 @@ DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # highest frequency from which arrivals are determined, over the sampling rate
 DEFAULTS = ImportOptions()  # options of an import unless given
 LOWEST = 3  # number of frequencies with the lowest signal-to-noise ratio that are listed
-MANY = 32  # microphones from which on errors in a room are about as large as their uncertainty
+MANY = 32  # number of microphones with which errors in a room are about as large as their estimated uncertainty
 CLEAN_DB = 100.0  # signal-to-noise ratio above which the estimate of the noise is not meaningful
-ARGUMENTS: Mapping[str, str] = {}  # without it messages use the names of the arguments themselves
+ARGUMENTS: Mapping[str, str] = {}  # messages call the arguments by their own names
 KIND_WORDS = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
 
 
@@ -50,9 +50,9 @@ class ImportReport:
     left_out: dict[str, str]  # name of each channel left out, and the reason
     pressures: Pressures
     speed: float  # sound speed, m/s
-    speed_from: str  # its origin, in words
-    highest_frequency: float | None  # that the array can interpolate, Hz
-    radius: str  # of the array, from which that frequency follows, and the origin of the radius, in words
+    speed_from: str  # where the sound speed comes from, in words
+    highest_frequency: float | None  # highest frequency that the array can interpolate, Hz
+    radius: str  # radius of the array, which determines that frequency, and where it comes from, in words
     height: float | None = None  # common height of all given positions, metres; then the array is sought in this plane
     # one report for each of several takes, () for a single take; the other fields describe the first take
     takes: tuple[ImportReport, ...] = ()
@@ -91,12 +91,12 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     first, few = read[0], min_microphones(options.dimension)
     if options.files == "auto" and 1 < first.count < few and {one.count for one in read} == {first.count}:
-        problem = f"files of {first.count} channels would be takes of {first.count} microphones, too few to be found"
+        problem = f"takes of {first.count} channels, as these files would be, have too few microphones"
         raise InputError(problem, "give <channels> if several recorders recorded one take together", key="files")
     placed = [(one.path, one.positions) for one in read if one.positions is not None]
     for one in read:  # all takes must be of the same array
         if one.count != first.count:
-            problem = f"{first.path} and {one.path} have {first.count} and {one.count} channels; takes have the same"
+            problem = f"{first.path} and {one.path} have {first.count} and {one.count} channels"
             raise InputError(problem, "give takes of one array, or <channels> for one take", key="files")
         if one.sample_rate != first.sample_rate:
             problem = f"{first.path} has {first.sample_rate:g} Hz and {one.path} {one.sample_rate:g} Hz"
@@ -116,7 +116,7 @@ def join_channels(files: Sequence[Recording]) -> Recording:
     shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
     if other := next((one for one in files if one.sample_rate != files[0].sample_rate), None):
         problem = f"{files[0].path} has {files[0].sample_rate:g} Hz and {other.path} {other.sample_rate:g} Hz"
-        raise InputError(problem, "convert one of them; channels of one take need one rate", key="sample_rate")
+        raise InputError(problem, "convert one of them: all channels of a take need the same rate", key="sample_rate")
     if shortest.samples < (1 - SHORTER) * longest.samples:
         problem = f"{shortest.path} lasts {shortest.duration:.3g} s and {longest.path} {longest.duration:.3g} s"
         raise InputError(problem, "give channels of one take, which were recorded at the same time", key="files")
@@ -166,7 +166,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
     if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):
         starts.pop()
     if len(starts) < 2:
-        problem = f"split = {seconds:.3g} s does not divide {recording.path}, which lasts {recording.duration:.3g} s"
+        problem = f"split = {seconds:.3g} s is too long for {recording.path}, which lasts {recording.duration:.3g} s"
         longest = recording.duration / 1.5
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split")
@@ -197,7 +197,7 @@ def measurement_of_takes(
     if options.split is not None:
         low = number_in(options.frequencies.partition(":")[0])  # NaN for "auto"; `frequency_band` reports a mistake
         if impulses := [one.path for one in takes if one.kind == "impulse"]:
-            problem = f"split is for a stationary recording, and {impulses[0]} has impulse responses"
+            problem = f"split is for a stationary recording, but {impulses[0]} has impulse responses"
             raise InputError(problem, "leave out <split>", key="split")
         shortest = min_duration(low if low > 0 else IMPORT_LIMITS.low)
         takes = [part for one in takes for part in split(one, options.split, shortest)]
@@ -249,9 +249,9 @@ def _measurement_of_take(
         pressures = stationary_pressures(recording, band, speed, max_rows)
     axes = coordinate_count(recording, options, known_positions)
     if known_positions is not None and known_positions.shape[1] != axes:
-        problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}"
+        problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates, but the file has {axes}"
         raise InputError(problem, f"give {axes} coordinates", key="known")
-    places: Any = known_positions  # without them those in the file are used
+    places: Any = known_positions  # None: those in the file are used
     measurement = Measurement(
         frequencies=pressures.frequencies,
         pressures=pressures.pressures,
@@ -280,7 +280,7 @@ def _measurement_of_take(
 
 
 def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
-    """Return the takes with the channels that are chosen and usable in all, and why each other channel is left out."""
+    """Return the takes with the channels that are chosen and usable in every take, and why the others are left out."""
     parts = [part.strip() for part in (options.leave_out or "").split(",")]
     listed = [name for name in parts if name not in ("", "bad")]
     left_out = dict.fromkeys(listed, "as requested")
@@ -310,7 +310,7 @@ def _in_plane(
     given = [one for one in (recording.positions, known_positions) if one is not None]
     wanted = 2 if options.dimension == 2 else options.array_dimension
     if wanted == 3 and given and given[0].shape[1] == 2:
-        raise InputError("array_dimension = 3 needs heights", "give z, or leave it out", key="array_dimension")
+        raise InputError("array_dimension = 3 needs heights", "give z, or leave out the option", key="array_dimension")
     if wanted == 3 or not given or any(one.shape[1] == 2 for one in given):
         return recording, known_positions, None
     heights = np.concatenate([one[:, 2:] for one in given])
@@ -318,7 +318,7 @@ def _in_plane(
     if wanted is None and not (level and every):  # some heights differ or are unknown
         return recording, known_positions, None
     if not level:
-        problem = f"array_dimension = 2 needs microphones of one height, and theirs differ by {np.ptp(heights):.3g} m"
+        problem = f"array_dimension = 2 needs microphones of one height, but theirs differ by {np.ptp(heights):.3g} m"
         raise InputError(problem, "choose them with <subset> I,J,...", key="array_dimension")
     if recording.positions is not None:
         recording = replace(recording, positions=recording.positions[:, :2])
@@ -343,7 +343,7 @@ def _classified(recording: Recording, options: ImportOptions, band: Band) -> tup
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
-    """Return an import in words, one fact per line; `wording`: names of the arguments in the text."""
+    """Return the report on an import in words, one fact per line; `wording`: names of the arguments in the text."""
     left_out = ", ".join(f"{name} ({reason})" for name, reason in report.left_out.items())
     rest = f"{left_out}; none of the others" if left_out else "none; no channel"
     left_out = f"left out     {rest} is silent, clipped or a copy"
@@ -380,11 +380,11 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     height, given = takes[0].height, measurement.known_positions
     space = word_arguments("<array_dimension> 3", wording)
     if height is not None:
-        lines += [f"array        in the plane z = {height:g} m, as all given positions are; {space} seeks heights"]
+        lines += [f"array        in the plane z = {height:g} m, like all given positions; {space} estimates heights"]
     elif report.flat:
-        lines += [f"array        flat according to its short windows, sought in a plane; {space} seeks heights"]
+        lines += [f"array        flat according to its short windows, sought in a plane; {space} estimates heights"]
     elif len(given) and given.shape[1] == 3 and not np.ptp(given[:, 2]):
-        plane = f"z = {given[0, 2]:g} m as the known ones, give {word_arguments('<array_dimension> 2', wording)}"
+        plane = f"z = {given[0, 2]:g} m like the known ones, give {word_arguments('<array_dimension> 2', wording)}"
         lines += [f"array        in space; if all microphones stand at {plane}"]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
@@ -399,7 +399,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
     highest = "unknown" if report.highest_frequency is None else f"{report.highest_frequency:.0f} Hz"
     lines.append(f"highest usable frequency  {highest}; radius of the array: {word_arguments(report.radius, wording)}")
     if count < (needed := min_microphones(measurement.dimension)):
-        lines.append(f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room")
+        lines.append(f"warning: {count} microphones are too few: use {needed} or more, and {MANY} or more in a room")
     return "\n".join(lines)
 
 

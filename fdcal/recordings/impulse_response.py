@@ -7,7 +7,7 @@ itself lacks.
 
     d    rate at which the sound decays, nepers per second
     s    rate of the exponential window: (d + s) T = 12 nepers, where T is the length of the recording
-    c    time after which the sound may be over, s; a part that begins at c is compared with the end of the recording
+    c    time, seconds, after which the sound may be over; the part from c on is compared with the end of the recording
 
 The decay is measured from the level of the sound in successive segments. Only the band in use counts, since noise at
 other frequencies lasts to the end of a recording and says nothing about the room. The mean level of the band shows when
@@ -44,7 +44,7 @@ class DecaySettings:
     # fraction of the recording; a sound that fills less of it is measured again, in shorter segments
     zoom: float = 0.25
     extension: float = 1.2  # factor by which the end of the sound is moved until no mode rings on
-    max_ringing: float = 4.0  # length of the part after the sound in which modes are sought that ring on, seconds
+    max_ringing: float = 4.0  # longest part after the sound that is searched for modes that ring on, seconds
     max_loss: float = 0.5  # power that the cut may leave out, relative to the noise of a pressure
     false_alarm: float = 0.05  # probability that noise alone is taken for a mode that rings on
     # The noise is estimated if it fills the end of the recording for at least min_tail seconds, or for the fraction
@@ -85,7 +85,8 @@ def estimate_decay(recording: Recording, band: Band) -> Decay:
 def extend_to_last_mode(recording: Recording, band: Band, decay: Decay, noise: Noise | None) -> Decay:
     """Return `decay` with a later tail, so that no mode of the band rings on in it.
 
-    `noise`: power of one sample of the transform, if known; noise that varies in time is then not taken for a mode.
+    `noise`: power of the noise in one sample of the transform, if it is known. Noise that varies in time is then not
+    mistaken for a mode.
     """
     if decay.tail is None:
         return decay
@@ -105,7 +106,7 @@ def _measured_channels(recording: Recording, count: int = DECAY.channels) -> np.
 
 
 def _rings_on(recording: Recording, band: Band, start: int, noise) -> bool:
-    """Return whether a mode is audible after the sample `start` that is no longer audible at the end."""
+    """Return whether a mode that is inaudible at the end of the recording is audible after the sample `start`."""
     fs = recording.sample_rate
     length = min(start, (recording.samples - start) // 2, int(DECAY.max_ringing * fs))
     channels = _measured_channels(recording)
@@ -131,7 +132,7 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
         raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
     tenth, quiet = (float(np.mean(level[-count:])) for count in (DECAY.segments // 10 + 1, 2))
-    if quiet >= np.exp(-DECAY.above_floor) * tenth:  # otherwise the sound ended just before the last two segments
+    if quiet >= np.exp(-DECAY.above_floor) * tenth:  # else the sound ended just before the last two segments
         quiet = tenth
     noisy = bool(quiet > DECAY.min_power * level.max())
     floor = np.log(max(quiet, DECAY.min_power * level.max()))
@@ -168,7 +169,7 @@ def segment_levels(recording: Recording, band: Band) -> np.ndarray:
 
 
 def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
-    """Return a few channels (n, t) float32 averaged over neighbouring samples, and their rate, suited to a band, Hz."""
+    """Return means (n, t) float32 of successive samples of a few channels, and their sampling rate, for a band, Hz."""
     channels, factor = _measured_channels(recording), max(1, int(recording.sample_rate / (16 * band[1])))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
@@ -181,7 +182,7 @@ def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
 
 RISE = 10.0  # ratio of powers up to which the level of noise may vary
 GRID = 6  # points of the spectrum per least distance of two frequencies
-MAX_SAMPLES = 20_000_000  # of an impulse response; a longer recording counts as one of a stationary source
+MAX_SAMPLES = 20_000_000  # length of the longest impulse response; longer recordings count as stationary
 
 
 def impulse_response_pressures(
@@ -254,15 +255,15 @@ def _spacing(recording: Recording, band: Band, s: float, noise: Noise | None, ra
 
 
 class WrapsRound(InputError):
-    """An impulse response that wraps round: its beginning is at its end."""
+    """Error: an impulse response wraps round, so that its beginning stands at its end."""
 
 
 def require_quiet_end(recording: Recording, band: Band) -> None:
-    """Check that the sound does not rise again before the end, as a response does that wraps round.
+    """Raise WrapsRound if the sound rises again before the end, as an impulse response that wraps round does.
 
-    A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
-    in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
-    must also rise above the lowest frequencies, where each frequency is compared with its own noise.
+    Such a response rises at all frequencies. The rumble of a building rises at the lowest frequencies alone: it has
+    most of the noise power within a few Hz, and so few degrees of freedom that its level varies by 10 dB from one
+    segment to the next. Therefore the level must also rise at higher frequencies, each compared with its own noise.
     """
     level = segment_levels(recording, band)
     top, last = int(np.argmax(level)), len(level) - 2
@@ -294,13 +295,13 @@ def require_quiet_end(recording: Recording, band: Band) -> None:
         rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
     if rises:
         rise = f"{10 * np.log10(end / max(lowest, 1e-300)):.0f} dB before the end of {recording.duration:.3g} s"
-        problem = f"{recording.path}: the sound has decayed and rises again by {rise}: the response wraps round, as"
+        problem = f"{recording.path}: the sound decays and rises again by {rise}: the response wraps round, as it does"
         problem += " after a circular deconvolution, or another sound begins"
         raise WrapsRound(problem, "move that part to the beginning (numpy.roll), or cut it off", key="kind")
 
 
 def mean_power(recording: Recording, band: Band, s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones.
+    """Return frequencies (B,), Hz, and the mean power (B,) of the weighted channels at each of them.
 
     The frequencies are at most `step` Hz apart.
     """
@@ -328,12 +329,13 @@ def smoothed(grid: np.ndarray, density: np.ndarray, width: int = 5) -> Noise:
 class DeconvolutionSettings:
     """Settings of the division of a recording by the signal of its source."""
 
-    # seconds of a response before the sound, and its whole length, seconds
+    # lead, length: time before the sound in a response, and length of the whole response, seconds
     lead: float = 0.25
     length: float = 2.25
-    max_samples: int = 16_000_000  # of one channel, 5 min at 48 kHz; longer ones are cut
+    max_samples: int = 16_000_000  # of one channel, 5 min at 48 kHz; longer recordings are cut
     regularisation: float = 1e-3  # relative to the greatest power of the reference
-    # factor by which the band is widened, and largest widening at its upper end, Hz, because a sweep may end there
+    # widening, max_widening: factor by which the band is widened at both ends, and limit of it at the upper end, Hz,
+    # where a sweep may end
     widening: float = 1.5
     max_widening: float = 50.0
     min_outside: float = 0.25  # fraction of the recording that must lie outside of the response to estimate the noise
@@ -346,7 +348,8 @@ DECONVOLUTION = DeconvolutionSettings()
 def deconvolve(recording: Recording, reference: Recording, band: Band) -> tuple[Recording, Noise | None]:
     """Return the impulse responses of all channels, in memory, and the noise power of one sample of the transform.
 
-    `reference`: one channel with the signal that the source emitted. The noise of a short recording is None.
+    `reference`: one channel with the signal that the source emitted. The noise power is None if the recording is too
+    short to estimate it.
     """
     if reference.sample_rate != recording.sample_rate:
         problem = f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz"

@@ -38,7 +38,7 @@ MIN_SAMPLES = 16  # least number of samples of a channel
 class Recording:
     """N channels of T samples."""
 
-    path: str  # its name in messages
+    path: str  # name of the recording in messages
     kind: Kind | None  # None if the file does not state it
     sample_rate: Annotated[float, within(100.0, 1e7, "Hz")]
     # count, samples: N and T
@@ -46,10 +46,10 @@ class Recording:
     samples: Annotated[int, within(MIN_SAMPLES)]
     block: Block
     names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
-    positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones, as the file states them, metres
+    positions: np.ndarray | None = None  # (N, D) float64, metres, of the microphones; None if the file has none
     sound_speed: MetresPerSecond | None = None  # as the file states it
     full_scale: float | None = None  # greatest value that a sample can have
-    lowest: float = 0.0  # Hz, below which the recording has no content
+    lowest: float = 0.0  # lowest frequency that the recording contains, Hz
 
     def __post_init__(self):
         check(self, f"{self.path}: ", CALLED)
@@ -147,7 +147,7 @@ class ImportLimits:
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
     max_frequency: float = 0.45  # relative to the sampling rate
     celsius: float = 20.0  # default temperature
-    known_radius_factor: float = 1.2  # radius of an array relative to that of its known microphones
+    known_radius_factor: float = 1.2  # assumed radius of an array relative to that of its known microphones
     coherent_radius_factor: float = 1.25  # assumed radius of an array over the estimate from its coherence
 
 
@@ -163,65 +163,65 @@ class ImportOptions:
     frequencies : str
         "auto" or "LO:HI", Hz.
     windows : str
-        "auto", "none" or "LO:HI", Hz: band of the short windows of at most 32 microphones, 64 in a plane.
+        "auto", "none" or "LO:HI", Hz: band of the short windows, which are used with at most 32 microphones, or 64 in a
+        plane.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     max_rows : int or None
-        Greatest number of rows of all takes together; `fdcal.recordings.frequencies.default_max_rows` unless given.
+        Largest number of rows of all takes together, where a row is one frequency of one take; by default that of
+        `fdcal.recordings.frequencies.default_max_rows`.
     temperature : float or None
-        Degrees Celsius; gives the sound speed.
+        Air temperature, degrees Celsius, from which the sound speed follows.
     sound_speed : float or None
-        m/s, instead of a temperature.
+        Sound speed, m/s, instead of a temperature.
     source : int, str or None
-        Which of several sources in a file, from 0; "all" makes each of them a take.
+        Number, from 0, of the source to use in a file with several; "all" makes a take of each of them.
     files : str
         Whether several files are "takes" of the same channels, or "channels" of one take; "auto" stands for channels if
         every file has one channel, and for takes otherwise.
     split : float or None
         Length of the takes into which a stationary recording is cut, s.
     dimension : int
-        2 or 3, of the sound field.
+        Dimension of the sound field, 2 or 3.
     array_dimension : int or None
-        2 or 3, number of coordinates of a microphone. The default is 2 if the heights of all microphones are known and
+        Number of coordinates of a microphone, 2 or 3. The default is 2 if the heights of all microphones are known and
         equal, or if short windows show that the array is flat.
     subset, leave_out, known : str or None
         See `fdcal.recordings.channels`.
     reference : str or None
         File with the signal that the source emitted.
     rate : float or None
-        Sampling rate, Hz, of a file that has none.
+        Sampling rate, Hz, for a file that does not contain one.
     array_radius : float or None
-        Radius of the array, metres; gives the highest usable frequency.
+        Radius of the array, metres, from which the highest usable frequency follows.
     """
 
     # In the order in which `fdcal import --help` lists them; the command line declares the last three.
-    frequencies: str = option("auto", "Band to choose from, Hz.", "auto|LO:HI")
+    frequencies: str = option("auto", "Band from which frequencies are chosen, Hz.", "auto|LO:HI")
     # the bound limits time and memory; it is five times the default for 32 microphones
     max_rows: Annotated[int, within(1, 2000)] | None = option(
-        None, "Greatest number of frequencies of all takes.  [default: 112 to 800]", "M"
+        None, "Largest number of frequencies, all takes together.  [default: 112 to 800]", "M"
     )
     kind: Literal["auto", Kind] = option(
         "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."
     )
     windows: str = option("auto", "Band of the short windows, Hz, which are used in addition.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
-        None, "Of the air, degrees Celsius; gives the sound speed.", "C"
+        None, "Air temperature, degrees Celsius; determines the sound speed.", "C"
     )
     # bounds: heavy gases to solids
-    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Instead of a temperature.", "M/S")
-    dimension: Literal[2, 3] = option(3, "Of the sound field: 3 in a room, 2 in a plate.")
-    array_dimension: Literal[2, 3] | None = option(
-        None, "2: the microphones lie in a plane.  [default: found by the import]"
-    )
-    subset: str | None = option(None, "Use only these microphones, as 0,3,8:12, or ::4 for every fourth.", "I,J,...")
-    leave_out: str | None = option(None, "Leave out these channels, or all that are faulty.", "NAMES|bad")
-    known: str | None = option(None, "Known microphones; a table has the columns name,x,y[,z].", "NAMES|none|FILE")
+    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "The sound speed itself.", "M/S")
+    dimension: Literal[2, 3] = option(3, "Dimension of the sound field: 3 in a room, 2 in a plate.")
+    array_dimension: Literal[2, 3] | None = option(None, "2 if the array is plane, else 3.  [default: detected]")
+    subset: str | None = option(None, "Use only these microphones, e.g. 0,3,8:12, or ::4 for every fourth.", "I,J,...")
+    leave_out: str | None = option(None, "Leave out these channels; bad: all that are faulty.", "NAMES|bad")
+    known: str | None = option(None, "Known microphones: names, or a table name,x,y[,z].", "NAMES|none|FILE")
     reference: str | None = option(None, "Signal that the source emitted, for deconvolution.", "FILE.wav")
     rate: Annotated[float, within(100.0, 1e7, "Hz")] | None = option(
-        None, "Sampling rate of a file that has none, Hz.", "HZ"
+        None, "Sampling rate, Hz, for a file that does not contain one.", "HZ"
     )
     array_radius: Annotated[float, positive("m")] | None = option(
-        None, "Radius of the array, metres; gives the highest usable frequency.", "R"
+        None, "Radius of the array, metres; determines the highest usable frequency.", "R"
     )
     source: int | str | None = None
     files: Literal["auto", "takes", "channels"] = "auto"
@@ -234,21 +234,21 @@ class ImportOptions:
             raise InputError(f'source = "{self.source}" is not a source', "use a number from 0, or all", key="source")
         if self.split is not None and (self.kind == "impulse" or self.reference):
             what = "kind impulse" if self.kind == "impulse" else "a reference"
-            problem = f"split = {self.split:.3g} s is for a stationary recording, and {what} is given"
+            problem = f"split = {self.split:.3g} s is for a stationary recording, but {what} is given"
             raise InputError(problem, "leave out <split>, or record each take separately", key="split")
         if self.array_dimension == 3 and self.dimension == 2:
-            raise InputError("array_dimension = 3 is not possible in a field of 2", "use 2", key="array_dimension")
+            raise InputError("array_dimension = 3 needs dimension = 3", "use 2", key="array_dimension")
         if self.temperature is not None and self.sound_speed is not None:
             remedy = "give one of <temperature> and <sound_speed>"
             raise InputError("a temperature and a sound speed are both given", remedy, key="sound_speed")
 
     def speed(self, in_file: float | None) -> tuple[float, str]:
-        """Return the sound speed and the source of its value.
+        """Return the sound speed, and where its value comes from.
 
         Parameters
         ----------
         in_file : float or None
-            Speed that the file states, m/s, if any.
+            Speed that the file states, m/s; None if it states none.
 
         Returns
         -------

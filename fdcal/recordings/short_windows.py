@@ -13,18 +13,18 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds
-# Number of microphones by the number of their coordinates. Sixty-four in space take a minute of processor time, and the
-# heights of a flat array are not found reliably: the error of one is 41 mm in space and 6 mm in the plane.
+# Largest number of microphones, by the number of their coordinates. In space, 64 take a minute of processor time, and
+# the heights of a flat array are not found reliably: one such array has errors of 41 mm in space and 6 mm in the plane.
 MAX_COUNT = {2: 64, 3: 32}
-MAX_FLAT = 12  # microphones, up to which an array is tested for being flat
+MAX_FLAT = 12  # largest number of microphones of an array that is tested for being flat
 SKIP = 0.02  # seconds after the direct sound
 MAX_WINDOWS = 400  # largest number of windows of all takes together
-# Groups of all takes together, and number of microphones above which there are fewer: the time for a group grows with
-# the square of this number
+# Largest number of groups of all takes together, and number of microphones above which it is lower, because the time
+# for a group grows with the square of their number
 MAX_GROUPS, MANY = 120, 32
 MIN_WINDOWS = 30
 SPACING = 1.5  # spacing of the frequencies relative to that of independent ones, 1 / WINDOW
-LOWEST, HIGHEST = 100.0, 4000.0  # Hz, unless another band is asked for
+LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
 OCTAVE = 2.0  # least ratio of the ends of the band
 QUIET = 1e-3  # power over the mean power at a frequency, below which a window is in a pause
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
@@ -37,11 +37,11 @@ def short_windows(
 ) -> ShortWindows | None:
     """Return the windows of a take; None if the options exclude them or the take is not suitable.
 
-    A take is not suitable if it is of a plate, has more than MAX_COUNT channels, is too short, or has low frequencies
-    only. InputError for a band that the recording cannot hold.
+    A take is not suitable if its sound field is two-dimensional, if it has more than MAX_COUNT channels, is too short,
+    or has low frequencies only. InputError for a band that the recording cannot contain.
 
-    kind : one of `fdcal.recordings.recording.KINDS`; takes, number : number of takes, and the number of this one, since
-    each take has other frequencies; axes : number of coordinates of a microphone
+    `kind`: one of `fdcal.recordings.recording.KINDS`; `takes`: number of takes; `number`: number of this take, from 0,
+    because each take uses other frequencies; `axes`: number of coordinates of a microphone.
     """
     if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT[axes]:
         return None

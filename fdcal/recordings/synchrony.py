@@ -26,8 +26,8 @@ class SynchronyRules:
     # Length of one transform, s, longer than most of the reverberation and than any delay. Delays scatter by 0.23 us in
     # noise at 30 dB and by 0.70 us in speech; by 0.39 and 0.91 us with half the length, by 0.15 and 1.11 us with twice.
     segment: float = 0.25
-    # shortest, longest: of a stretch, s. With 1 s the delays scatter by 1.7 us in speech, and one in 33 is unknown. In
-    # 4 s a drift of 80 ppm is 0.3 ms, so that sound below 3 kHz remains coherent.
+    # shortest, longest: length of a stretch, s. With 1 s the delays in speech scatter by 1.7 us, and one in 33 is not
+    # found. In 4 s a drift of 80 ppm amounts to 0.3 ms, so that sound below 3 kHz remains coherent.
     shortest: float = 2.0
     longest: float = 4.0
     stretches: int = 16  # greatest number of stretches; more of them give the time of a step more exactly
@@ -35,13 +35,14 @@ class SynchronyRules:
     # Channels that serve as the reference, one after the other, by the quantile of their level.
     references: tuple[float, ...] = (0.5, 0.25, 0.75)
     changed: int = 2  # least number of stretches with another delay; a stretch with a step in it may have either delay
-    # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound at 0 dB 19 or more
+    # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound of 0 dB SNR 19 or more
     peak: float = 8.0
     fine: int = 4  # points per sample; 2 and 8 give the same scatter of delays
     # Least change of a delay that is a fault, s. If the air becomes 1 K warmer, sound crosses an array of 0.8 m 4 us
     # earlier.
     min_change: float = 1e-5
-    scatter: float = 8.0  # the same, relative to the scatter of the delays; 43 takes without a fault have 6.5 at most
+    # the same limit relative to the scatter of the delays; in 43 takes without a fault no change exceeds 6.5
+    scatter: float = 8.0
 
 
 SYNCHRONY = SynchronyRules()
@@ -51,8 +52,8 @@ class ClockFault(NamedTuple):
     """What is wrong with the clock of a channel."""
 
     kind: str  # "drift", "jump" or "lost"; `fdcal.assessment.words.clock_words` has the words
-    value: float = 0.0  # ppm of a drift, seconds of a jump
-    since: float = 0.0  # time, seconds, of a jump or of the loss of a clock
+    value: float = 0.0  # rate of a drift, ppm, or size of a jump, seconds
+    since: float = 0.0  # time of a jump or of the loss of a clock, seconds
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,11 @@ class ChannelDelays:
     """Delays of the channels over time, relative to the median channel."""
 
     times: np.ndarray  # (G,) float64, s, middle of each stretch
-    delays: np.ndarray  # (N, G) float64, s, after those of the first stretch; NaN where they are unknown
+    delays: np.ndarray  # (N, G) float64, s, relative to those of the first stretch; NaN where they are unknown
     limit: np.ndarray  # (N,) float64, s, above which a change is a fault
 
     def faults(self, names: tuple[str, ...]) -> dict[str, ClockFault]:
-        """Return the fault of each channel whose clock differs from that of the others, by name."""
+        """Return the fault of each channel whose clock differs from the others, by the name of the channel."""
         known = np.isfinite(self.delays)
         usual = known.mean(axis=1) > 0.5
         found = {}
@@ -82,7 +83,7 @@ class ChannelDelays:
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
     def _change(self, row: np.ndarray) -> ClockFault:
-        """Return the fault, a drift or a jump, that fits the delays (G,) of a channel better."""
+        """Return the fault that fits the delays (G,), s, of a channel better, a drift or a jump."""
         seen = np.isfinite(row)
         t, d = self.times[seen], row[seen]
         slope = np.sum((t - t[0]) * d) / np.sum((t - t[0]) ** 2)
@@ -111,9 +112,9 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
         best = delays if known.sum() > np.isfinite(best).sum() else best
         if (known.sum(axis=0) > N / 2).all():  # with a faulty reference most other delays would be unknown
             break
-    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # of two channels it is unknown which one is faulty
+    best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # with two channels it is unknown which one is faulty
     best -= [_median(row) for row in best.T]
-    changes = np.diff(best)  # all equal for a line; all but one zero for a step
+    changes = np.diff(best)  # of a drift: all are equal; of a jump: all but one are zero
     scatter = np.array([_median(np.abs(row - _median(row))) for row in changes]) * 1.4826 / np.sqrt(2)
     limit = np.maximum(rules.min_change, rules.scatter * np.maximum(scatter, np.median(scatter)))
     return ChannelDelays((np.arange(count) * step + span / 2) / fs, best, limit)
@@ -150,7 +151,7 @@ def _against(recording: Recording, reference: int, starts: np.ndarray, span: flo
 
 
 def _delay(product: np.ndarray, padded: int, fs: float) -> float:
-    """Return the lag of the greatest correlation, s; NaN if it is not far above the others."""
+    """Return the lag of the greatest correlation, s; NaN if this correlation does not stand out from the others."""
     correlation = irfft(product * np.abs(product), SYNCHRONY.fine * padded)
     best = int(np.argmax(correlation))
     if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # both are 0 of a silent channel

@@ -1,7 +1,7 @@
 """Record a take: sound from a sound card, or from a file instead, is written to a file while its channels are checked.
 
 `SoundStream` gives the sound in blocks. `record_take` writes them and asks after each whether to continue. If a take
-ends early, because of its user or a fault, what was recorded remains as a valid file.
+ends early, because of the user or a fault, what was recorded remains as a valid file.
 """
 
 import queue
@@ -52,8 +52,8 @@ class Take:
     names: tuple[str, ...]  # (N,) of the channels
     health: ChannelHealth
     gaps: int = 0  # how often samples were lost, in all channels alike
-    stopped: bool = False  # whether its user ended it early
-    fault: str = ""  # that ended it early
+    stopped: bool = False  # whether the user ended it early
+    fault: str = ""  # the error that ended it early, if any
 
     @property
     def text(self) -> str:
@@ -72,8 +72,8 @@ class Take:
 def sound_card(channels: int | None = None, rate: float | None = None, device: str | None = None) -> SoundStream:
     """Return the stream of the first `channels` inputs of a sound card, all unless given.
 
-    `rate`: Hz, that of the card unless given; `device`: its name, a part of it, or its number. Call it while nothing is
-    recorded: it restarts PortAudio, which ends every stream.
+    `rate`: Hz, that of the card unless given; `device`: name of the card, a part of it, or its number. Do not call this
+    function while something is recorded: it restarts PortAudio, which ends every stream.
     """
     loaded = "sounddevice" in sys.modules
     try:
@@ -126,7 +126,8 @@ def replayed(
 ) -> SoundStream:
     """Return a recording as a stream.
 
-    `channels`: how many to replay, from the first on; `wait`: called before each block with its length, s.
+    `channels`: number of channels to replay, beginning with the first; `wait`: called before each block with its
+    length, seconds.
     """
     recording = formats.read(path)
     if channels is not None and channels > recording.count:
@@ -145,8 +146,8 @@ def check_take(stream: SoundStream, path: Path, seconds: float) -> None:
     """Raise InputError if a file of this name cannot hold `seconds` of a stream."""
     count, width = len(stream.names), 3 if stream.full_scale else 4
     if path.suffix.lower() == ".wav" and round(seconds * stream.sample_rate) * count * width > WAV_BYTES:
-        problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz are more than a WAV file holds, 4 GB"
-        raise InputError(problem, f"write {path.stem}.w64, or record fewer <seconds>", key="seconds")
+        problem = f"{count} channels of {seconds:g} s at {stream.sample_rate:g} Hz exceed the 4 GB of a WAV file"
+        raise InputError(problem, f"write {path.stem}.w64, or give fewer <seconds>", key="seconds")
     require_whole_rate(stream.sample_rate)
 
 
@@ -171,7 +172,7 @@ def record_take(
 ) -> Take:
     """Record a take of at most `seconds` to a file of 24 bits, or of floats if the stream has no full scale.
 
-    `watch`: called after each block with the seconds and the state of the channels so far, returns whether to go on.
+    `watch`: called after each block with the seconds and the state of the channels so far; returns whether to continue.
     What was recorded is kept even if the stream fails.
     """
     path, wanted, count = Path(path), round(seconds * stream.sample_rate), len(stream.names)
@@ -196,7 +197,7 @@ def record_take(
                         break
             except KeyboardInterrupt:
                 stopped = True
-            except (InputError, OSError, RuntimeError) as error:  # libsndfile raises the last where a disk is full
+            except (InputError, OSError, RuntimeError) as error:  # libsndfile raises RuntimeError when the disk is full
                 fault = str(error)
         if done < MIN_SAMPLES:
             why = fault or ("it was stopped before any sound came" if stopped else "the stream is empty")

@@ -41,18 +41,18 @@ def load(
     source : str or path, or a sequence of them
         A measurement (.npz), recordings of any kind that `fdcal import` reads (WAV, FLAC, SOFA, HDF5 of Acoular, a
         folder of MeshRIR), or a scene: its .toml file, or the name of one that comes with fdcal. A scene is simulated,
-        or read from the cache. Several files are takes: recordings of the same microphones with the source at other
-        places; files of one channel each are the channels of one take.
+        or read from the cache. Several files are several takes, recordings of the same microphones with the source at
+        another place in each; files with one channel each are the channels of a single take.
     exclude : sequence of str or int
         Names or numbers of microphones to leave out.
     positions : path or (N, D) array_like, optional
-        Positions of all microphones to compare with, metres: an array, or a table or geometry, such as Acoular's.
-        They are never given to a solver.
+        Positions of all microphones to compare results with, metres: an array, or the path of a table or of a geometry,
+        such as Acoular's. They are never given to a solver.
     sources : int or str, optional
         Which source of a file of recordings with several sources: its number, counted from 0 (the default), or "all",
         which makes each source a take.
     progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note while a scene is simulated.
+        Called with the fraction done, 0 to 1, and a note while a scene is simulated or recordings are imported.
     **options
         For recordings only: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="corners"`,
         `temperature=21.5`, `frequencies="30:300"`, `split=10.0` (s) or `files="channels"`.
@@ -100,7 +100,7 @@ def load(
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:
-    """Return what the microphones of a scene measure; read from the cache if it was simulated before.
+    """Return what the microphones of a scene measure, from the cache if the scene was simulated before.
 
     Parameters
     ----------
@@ -154,15 +154,18 @@ def calibrate(
     Parameters
     ----------
     measurement : Measurement
+        As returned by `load` or `simulate`.
     known : str, mapping or sequence, optional
-        Microphones whose positions the solver gets: "all" whose positions the measurement has (the default), "minimal"
-        or "none"; names or numbers of microphones; or a mapping of names or numbers to positions (D,), metres.
+        Microphones whose positions the solver gets: "all" known microphones of the measurement (the default);
+        "minimal", as few as fix the gauge; "none"; a list of names or numbers of microphones; or a mapping of names or
+        numbers to positions (D,), metres.
     solver : str, optional
         "robust" (the default), "joint" or "descent".
     modes : int, optional
-        Number of frequencies in use at the end, the lowest first. The default is all that array and solver can use.
+        Number of frequencies in use at the end, which are the lowest. By default the solver uses all that it can.
     noise : str or float, optional
-        "reported" (the default), "auto", or the signal-to-noise ratio of each frequency, dB.
+        "reported" uses the noise power of the measurement (the default), "auto" estimates it; a number is the
+        signal-to-noise ratio of each frequency, dB.
     seed : int, optional
         Seed of the solver's random numbers; 0 unless given.
     exclude : sequence of str or int
@@ -172,11 +175,11 @@ def calibrate(
         and the sound speed follow from it.
     time_limit : float, optional
         Seconds of processor time after which the best positions so far are assessed, with the verdict
-        "not_converged"; by default 90, more for large arrays. An interrupt does the same.
+        "not_converged"; by default 90, more for large arrays. An interrupt (Ctrl-C) has the same effect.
     settings : SolverSettings, optional
         Settings to begin with, such as those of a scene (`scene.solver`).
     progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note. An exception of this function ends the run.
+        Called with the fraction done, 0 to 1, and a note. If it raises an exception, the run ends.
     **others
         Any other field of `SolverSettings`, such as `start="random"`. Solver "robust" also has `gains="fixed"`,
         `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees) and `known_sigma=0.005` (metres), and "robust"
@@ -227,27 +230,28 @@ def landscape(
     calibration: Calibration | None = None,
     settings: SolverSettings | None = None,
 ) -> "LandscapePanels":
-    """Return the cost of moving one microphone, for each frequency and summed.
+    """Return the cost of moving one microphone, for each frequency and for their sum.
 
-    The cost is Eq. 7; drawn, it is the paper's Fig. 1.
+    The cost is that of Eq. 7, as in the paper's Fig. 1.
 
     Parameters
     ----------
     measurement : Measurement
-        Of a two-dimensional field, with a search domain.
+        A measurement of a two-dimensional field, with a search domain.
     microphone : str or int
-        Name, or number counted from 0.
+        Name of the microphone, or its number, counted from 0.
     modes : sequence of int
-        Numbers of the frequencies, counted from 1.
+        Numbers of the P frequencies, counted from 1.
     calibration : Calibration, optional
-        Gives the positions of the other microphones; the default are their true positions.
+        The result whose positions the other microphones have; by default these are the true positions.
     settings : SolverSettings, optional
-        Of which `weights` and `order_offset` are used, such as those of a scene (`scene.solver`).
+        Settings such as those of a scene (`scene.solver`); only `weights` and `order_offset` are used.
 
     Returns
     -------
     LandscapePanels
-        `maps` (P + 1, ny, nx), the last their sum; `minima` (P + 1, 2), metres; `plot()` draws them.
+        `maps` (P + 1, ny, nx): the cost at each frequency, then the sum; `minima` (P + 1, 2): position of the lowest
+        cost in each map, metres; `plot()` draws them.
 
     Raises
     ------
@@ -274,7 +278,7 @@ def landscape(
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
         raise InputError(
-            "the measurement holds no true positions", "give the calibration that found the others", key="calibration"
+            "the measurement holds no true positions", "give a calibration that found the others", key="calibration"
         )
     with one_blas_thread():
         return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)

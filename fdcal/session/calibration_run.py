@@ -45,7 +45,7 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
                 f"microphone {outside[0]} stands at {truth[outside[0]].tolist()} m, outside the search"
                 f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
             )
-            raise InputError(fault, "enlarge or move it", key="search")
+            raise InputError(fault, "enlarge or move the domain", key="search")
     check_channels(measurement.pressures, measurement.names)
     check_solvable(problem, inputs.settings.modes, measurement.names)
 
@@ -81,7 +81,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     names = inputs.measurement.names
     first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])
     if first == second:
-        raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
+        raise InputError(f"distance names microphone {names[first]} twice", "name two microphones", key="distance")
     return first, second
 
 
@@ -100,7 +100,7 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     return healthy_microphones(free if len(free) else everything, inputs.measurement.names, found)
 
 
-LONGER = 10.0  # the message on a time limit that was too short proposes this multiple of it
+LONGER = 10.0  # the message for a time limit that was too short proposes this multiple of the limit
 
 
 def problem_of(inputs: CalibrationInput) -> Problem:
@@ -113,8 +113,8 @@ def states_of(
 ) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
-    `progress` is called with the fraction done, 0 to 1, or 0 if it is unknown, and a note. An exception of this
-    function ends the run.
+    `progress` is called with the fraction done, 0 to 1, or 0 if it is unknown, and a note. If it raises an exception,
+    the run ends.
     """
     problem = problem_of(inputs) if problem is None else problem
     inputs = replace(inputs, settings=with_mode_count(problem, inputs.settings))
@@ -138,8 +138,8 @@ def solve(
 ) -> Calibration:
     """Run the solver to its end, with one thread of BLAS, and return the calibration.
 
-    If `keep` is set, `show` can play the run. `clock` measures the time of the solver, s. `progress` is as of
-    `states_of`, `wording` as of `assess_state`. An interrupt ends the solver, as `inputs.time_limit` does: the best
+    If `keep` is set, `show` can play the run. `clock` measures the time of the solver, s. `progress` is that of
+    `states_of`, `wording` that of `assess_state`. An interrupt ends the solver, as `inputs.time_limit` does: the best
     positions so far are assessed, with the verdict "not_converged".
     """
     inputs = with_needed_domain(inputs)
@@ -219,7 +219,7 @@ def last_state(
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, see `fdcal.cost.eq7`.
+    """Return Eq. 7 over all modes that the number of microphones allows, dB of their power, see `fdcal.cost.eq7`.
 
     A problem without a search domain gets one around the positions found, as on the page. None if a position is not
     finite, or if the microphones are too few for any mode.
@@ -250,8 +250,9 @@ def with_estimated_domain(
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one around an estimate of the positions.
 
-    The solver of the run makes the estimate, so that it has the same axes. If that solver needs a search domain itself,
-    the default solver makes the estimate. The estimate of a blind array is moved onto the true positions.
+    The solver of the run makes the estimate, so that the estimate has the same axes as the run. If that solver needs a
+    search domain itself, the default solver makes the estimate. Without known microphones the estimate is moved onto
+    the true positions, if there are any.
     """
     if measurement.search is not None:
         return measurement

@@ -3,10 +3,9 @@
 samples      which channels are silent, clipped or copies
 wrapped      whether the beginning of impulse responses is at their end
 synchronous  whether the channels share one clock (`fdcal.recordings.synchrony`)
-field        whether a sound field between the microphones predicts each of them, better than the mean of the others
-             does, which is a field of order 0
-measured     whether the low frequencies are those of a sound field, too; in a simulation by rays only the arrival times
-             fit
+field        whether a sound field between the microphones predicts each of them; the error of predicting it by the mean
+             of the others, which is a field of order 0, is printed beside it
+measured     whether the low frequencies form a sound field, too; in a simulation by rays only the arrival times fit
 channels     which channels differ in polarity, gain, delay, bass or noise
 list         whether a list of positions fits the array found: order, size, single microphones
 
@@ -42,24 +41,26 @@ from .sources import CalibrationInput, ProgressReport, compared_with_file, is_re
 class DoctorRules:
     """Limits beyond which a finding is a fault; the figures are from `python -m benchmarks doctor`."""
 
-    # The field is judged at this fraction of the frequencies, the lowest. The error of the measured array is -25 dB at
-    # the lowest third or fifth, and -11 dB at all.
+    # The field is judged at the lowest frequencies, this fraction of all. The error of the measured array is -25 dB at
+    # the lowest third or fifth, and -11 dB at all frequencies.
     lowest: float = 1 / 3
     # Leave-one-out error above which there is no sound field between the microphones. Recordings without a fault have
     # -18 dB or less, simulations by rays -2.5 and -3.4 dB.
     field_db: float = -8.0
-    # Hz, below which few microphones sample the sound field of any room. With 100 or 200 Hz instead of 150 Hz the
-    # errors differ by 3.5 dB at most.
+    # Frequency, Hz, below which even few microphones sample the sound field of any room. With 100 or 200 Hz instead of
+    # 150 Hz the errors differ by 3.5 dB at most.
     low_frequency: float = 150.0
-    # Least number of frequencies below it. Levels scatter by up to 6 dB, so that a mean of six is known to 2.5 dB.
+    # Least number of frequencies below `low_frequency`. Levels scatter by up to 6 dB, so a mean of six is known to 2.5
+    # dB.
     fewest: int = 6
     arrivals: float = 3e-3  # metres, median misfit up to which arrival times fit; those that fit have 0.05 to 0.9 mm
     # Least number of frequencies at which the channels are coherent with a stationary source: 122 or more at 0 dB and
     # 26 at -5 dB; 7 to 17 if each channel is from a different recording.
     rows: int = 20
-    # Difference of the size of a list from 1, in sigmas, above which the size is wrong; right lists have 2.8 at most.
+    # Difference between the size of a list and that of the array, in sigmas, above which the list is wrong; correct
+    # lists reach 2.8.
     size_sigmas: float = 4.0
-    speed: float = 0.05  # relative, one sigma of the sound speed before it is estimated: 30 K
+    speed: float = 0.05  # one sigma of the prior of the sound speed, relative; it corresponds to 30 K
 
 
 DOCTOR_RULES = DoctorRules()
@@ -109,7 +110,7 @@ def examine(
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
-    """Return which channels have another clock than the others; channels that cannot be used are left out."""
+    """Return which channels have a clock that differs from the others; unusable channels are left out."""
     names, faults, unknown, worst, value = takes[0].names, dict[str, ClockFault](), set[str](), -1.0, 0.0
     for one, state in zip(takes, health, strict=True):
         impulse = one.kind == "impulse" or options.kind == "impulse"
@@ -129,7 +130,7 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
         kinds = tuple((fault.kind, name) for name, fault in faults.items())
         return Answer("synchronous", "fault", "; ".join(listed), value, "µs", kinds)
     if worst < 0:
-        why = "no channels are coherent" if few else "not seen in impulse responses, or in less than 8 s of sound"
+        why = "no channels are coherent" if few else "not visible in impulse responses, or in less than 8 s of sound"
         return Answer("synchronous", "unknown", why)
     text = f"delays of the channels change by {value:.2g} µs at most"
     return Answer("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs")
@@ -146,13 +147,13 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
         yield Answer("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         if measurement.positions is not None:
-            yield Answer("list", "unknown", "no array was found to compare it with")
+            yield Answer("list", "unknown", "no array was found to compare the list with")
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
         # A second calibration begins at the list. It counts if it explains the pressures better than the blind one.
         listed = np.asarray(measurement.positions)
-        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # a solver must seek one at least
+        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # solvers need one to seek
         known = replace(measurement, known=every, known_positions=listed[every])
         with contextlib.suppress(InputError):
             settings = replace(inputs.settings, known="all")
@@ -205,13 +206,13 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     text = f"error of predicting a microphone from the others: {overall:.1f} dB by a sound field, {mean_db:.1f} dB by"
     text += " their mean (lowest third of the frequencies)"
     if not one:
-        text += ": no sound field, but several recordings, moving microphones, or no measurement"
+        text += ": not one sound field; are these several recordings, moving microphones, or synthetic data?"
     field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
     misfit = arrival_misfits(problem, np.asarray(result.positions))
     if misfit is None:
         return [field, Answer("measured", "unknown", "no arrival times, which need impulse responses")]
-    if measurement.positions is not None:  # the arrivals may fit the list although the array was not found
+    if measurement.positions is not None:  # the arrival times may fit the list even if no array was found
         listed = arrival_misfits(problem, np.asarray(measurement.positions))
         misfit = misfit if listed is None else min(misfit, listed, key=np.nanmedian)
     median = float(np.nanmedian(misfit))
@@ -238,7 +239,7 @@ def _size(
     known = np.flatnonzero(right)
     if len(known) == len(listed):
         central = int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1)))
-        known = np.delete(known, central)  # a solver must seek one microphone at least
+        known = np.delete(known, central)  # a solver must estimate one or more
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
@@ -283,7 +284,7 @@ def _list(
         check = compare_positions(result.positions, listed)
     sure = result.verdict == "good"
     if not check.fits:
-        text = "the list does not fit the array found in any order: it is of another array, or most of it is far off"
+        text = "the list does not fit the array found in any order: it is that of another array, or mostly far off"
         text += "" if sure else f"; {result.verdict_text}"
         return Answer("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     fit = list_fit(inputs, result, check, progress)
@@ -295,6 +296,6 @@ def _list(
     unknown = fit.poor or (check.scale != 1 and not sure)  # the size of an untrusted array says nothing about the list
     rms = 1e3 * fit.rms  # mm
     state = "fault" if faults else "unknown" if unknown else "fine"
-    text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size to {100 * (fit.scale - 1):+.1f} %"
+    text = "; ".join(faults) or f"the list fits to {rms:.1f} mm, its size differs by {100 * (fit.scale - 1):+.1f} %"
     text += "" if faults or not unknown else f"; {result.verdict_text}"
     return Answer("list", state, text, rms, "mm", tuple(kinds))

@@ -37,29 +37,29 @@ RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 @dataclass(frozen=True)
 class LessonSetting:
-    """The settings that a step makes on the page, in this order; None leaves a control as it is."""
+    """The settings that a step makes on the page, in the order of the fields; None leaves a control as it is."""
 
     # name of a scene that comes with fdcal, or a .toml file beside the lesson; the solver restarts
     scene: str | None = None
-    # keys of the scene and their values, as {"solver.name": "descent", "gauge.known": [0, 1, 3]}
+    # keys of the scene and their values, such as {"solver.name": "descent", "gauge.known": [0, 1, 3]}
     changes: dict | None = None
-    start_seed: Seed | None = None  # of the solver's start; the scene's unless given
+    start_seed: Seed | None = None  # seed of the solver's start; that of the scene unless given
     reset: bool | None = None  # restart in the same scene
-    modes: str | None = None  # in use by the solver, as "1-20"
+    modes: str | None = None  # modes that the solver uses, such as "1-20"
     automatic: bool | None = None  # whether the solver adds modes by itself
     run: str | None = None  # how far the solver runs: "end", "3 sweeps", "1 step", "2 stages"
     # a state of the run and a view, written as in an address: "step=12&microphone=9"
     frame: str | None = None
-    microphone: int | None = None  # whose map is shown, from 0
+    microphone: int | None = None  # number, from 0, of the microphone whose map is shown
     follow: bool | None = None  # whether the map is that of the microphone which the solver moves
     map: Map | None = None
-    map_modes: str | None = None  # modes of the map alone, as "38" or "1-9, 12", or "solver"
-    quantity: Quantity | None = None  # of the map: Eq. 7, or what the solver minimises
-    # of the map of Eq. 7, added to ceil(k R) in the order of every mode
+    map_modes: str | None = None  # modes of the map: "38", "1-9, 12" or "solver", those that the solver uses
+    quantity: Quantity | None = None  # what the map shows: Eq. 7, or what the solver minimises
+    # number added to ceil(k R), the order of each mode, in a map of Eq. 7
     order_offset: Annotated[int, within(0, MAX_ORDER_OFFSET)] | None = None
-    scale: Scale | None = None  # of the map
+    scale: Scale | None = None  # colour scale of the map
     minima: bool | None = None  # whether the local minima of the map are marked and counted
-    # trails, ellipses: whether they are drawn
+    # trails, ellipses: whether the paths of the estimates and the error ellipses are drawn
     trails: bool | None = None
     ellipses: bool | None = None
     verdict: bool | None = None  # whether the result is assessed, and faulty channels are marked
@@ -78,7 +78,10 @@ class LessonSetting:
         return LessonSetting.__dataclass_fields__
 
     def modes_in_use(self, state: RunState, count: int) -> tuple[int, int, bool] | None:
-        """Return the first and the last mode, of `count`, and whether the solver adds more; None to change nothing."""
+        """Return the first and the last mode, and whether the solver adds more; None to change nothing.
+
+        `count`: number of modes of the measurement.
+        """
         if self.modes is None and self.automatic is None:
             return None
         modes = range(state.first, state.last + 1) if self.modes is None else parse_modes(self.modes, count)
@@ -229,7 +232,7 @@ def load_lesson(path: str | Path) -> Lesson:
     with naming(path):
         for key in Lesson.OPTIONAL:
             if key in table:
-                raise InputError(f"{key} is not a key of a lesson", "remove it: the path gives it", key=key)
+                raise InputError(f"{key} is not a key of a lesson", "remove it: the path of the file gives it", key=key)
         lesson = build(Lesson, {**table, "name": path.stem, "folder": str(path.parent)}, whole="lesson")
         check(lesson)
         return lesson
@@ -247,8 +250,8 @@ def check(lesson: Lesson) -> None:
     for number, step in enumerate(lesson.steps):
         prefix, count = f"steps[{number + 1}].", len(step.choices)
         wrong_count = bool(step.question) != bool(count) or count == 1 or count > MAX_CHOICES
-        choices = f"give 2 to {MAX_CHOICES} with a question, none without"
-        added = "add a question and choices, or remove it and the settings of `then`"
+        choices = f"give 2 to {MAX_CHOICES} choices with a question, and none without one"
+        added = "add a question and choices, or remove `reveal` and the settings of `then`"
         _refuse(prefix, [
             (not step.text.strip(), "text", "is empty", "write a few sentences"),
             (wrong_count, "choices", f"has {count} entries", choices),
@@ -280,13 +283,13 @@ def _refuse(prefix: str, faults: Iterable[Fault]) -> None:
 
 
 def _check_setting(prefix: str, setting: LessonSetting, scene: Scene) -> None:
-    """Raise InputError for settings that a page with this scene does not have."""
+    """Raise InputError for settings that a page with this scene cannot have."""
     both = setting.frame is not None and setting.run is not None
     remedy = "run the solver in one step and show the frame in another"
     _refuse(prefix, [(both, "frame", "and run are both given", remedy)])
     with naming(f"{prefix}frame"):
         if setting.frame is not None and not parse_address(setting.frame):
-            raise InputError(f'"{shown(setting.frame)}" has no known key', 'write it as "step=12&microphone=9"')
+            raise InputError(f'"{shown(setting.frame)}" has no known key', 'write, for example, "step=12&microphone=9"')
         setting = setting.unfolded()
     for name, text in (("modes", setting.modes), ("map_modes", setting.map_modes)):
         if text is None or (name == "map_modes" and text == SOLVER):

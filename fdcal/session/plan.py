@@ -6,9 +6,9 @@ a room that decays evenly have, at a distance of x Hz, the squared correlation
 
     |r|^2 = 1 / (1 + (pi x / s)^2),    s = 6.9 / T60 nepers per second
 
-The solver makes the same assumption. The covariance of its gradient is then F + sum |r|^2 F' over all pairs of
+The solver makes the same assumption, so the covariance of its gradient is F + sum |r|^2 F' over all pairs of different
 frequencies, where F' is the part of the information F that the field contributes, not the noise. The covariance of the
-positions is larger by the same factor. The forecast takes F' = F / 2. With impulses it adds the information of the
+positions is larger by the same factor. The forecast assumes F' = F / 2. With impulses it adds the information of the
 arrival times:
 
     r_n = c tau_n - |x_n - s| - b      path to microphone n; source s and time of emission b are unknown
@@ -62,8 +62,8 @@ class Layout:
 def read_layout(text: str, seed: int = 0) -> Layout:
     """Return the array of a table or geometry, a scene, or a geometry in words.
 
-    The words are the name of the geometry as in scenes, then count and radius, or shape and size, metres; `seed`: of
-    "ball" and "box".
+    The words are the name of a geometry of scenes, then count and radius, or shape and size, metres; `seed`: that of
+    the random positions of "ball" and "box".
     """
     words = text.split()
     if Path(text).suffix.lower() in READERS:
@@ -123,11 +123,12 @@ class PlanLimits:
     work: int = 3000
     min_frequencies: int = 16  # least number of frequencies for which it is computed
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
-    # centre of an array whose own coordinates do not lie inside the room, relative to the room's lengths
+    # place, relative to the lengths of the room, to which an array is moved that does not lie inside the room
     centre: tuple[float, float, float] = (0.43, 0.46, 0.45)
-    max_microphones: int = 300  # largest number in a plan
-    max_takes: int = 100  # largest number in a plan
-    max_snr_db: float = 120.0  # dB
+    # largest values in a plan
+    max_microphones: int = 300
+    max_takes: int = 100
+    max_snr_db: float = 120.0
     wide: float = 5.0  # metres; the message for a wider array that is refused asks whether positions are in metres
 
 
@@ -156,11 +157,11 @@ class PlanRequest:
     # standard deviation of the channels' gains; 0 for equal channels
     gain_sigma_db: Annotated[float, within(0, 1e12, "dB")] = 0.0
     sound_speed: MetresPerSecond = 343.0
-    accuracy: Metres = 0.01  # the RMS error that is wanted
+    accuracy: Metres = 0.01  # RMS error to be reached
     seed: Seed = 0  # seed of the positions of the source
     # number of source positions, each recorded by itself at `snr_db`; every take has all frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
-    # what the source plays: "impulse" stands for sweeps and claps, too, whose arrival times count
+    # what the source plays; "impulse" includes sweeps and claps, and arrival times are used in addition
     kind: Literal["stationary", "impulse"] = "stationary"
 
     def __post_init__(self):
@@ -176,12 +177,12 @@ class PlanRequest:
         if room is not None and len(room) not in (2, 3):
             raise refusal("room", list(room), f"has {len(room)} lengths", "give <room> two or three")
         if room is not None and len(room) < D:
-            raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
+            raise InputError("the array has heights, but the room has none", "give <room> three lengths", key="room")
         if self.kind == "impulse" and room is None:
             raise InputError("arrival times of impulses depend on the room", "give <room>", key="room")
         checked_known(self.known, None, self.layout.positions, N, D)
         if self.known_sigma and not self.known:
-            raise InputError("known_sigma is for given positions", "give <known>, or leave it out", key="known_sigma")
+            raise InputError("known_sigma is for given positions", "give <known>, or use 0", key="known_sigma")
         extent, sides = np.ptp(x, axis=0), np.array(room or (np.inf,) * D)
         if self.is_plane_in_room:  # its plane may have any direction
             extent, sides = np.sort(extent), np.sort(sides)[1:]
@@ -193,13 +194,13 @@ class PlanRequest:
         if len(self.frequencies) < MIN_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:.1f} to {high:.1f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
-            problem += f" {len(self.frequencies)} independent frequencies, and a calibration needs {MIN_FREQUENCIES}"
+            problem += f" {len(self.frequencies)} independent frequencies, but a calibration needs {MIN_FREQUENCIES}"
             remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
             raise InputError(problem, remedy, key="frequencies")
 
     @property
     def dimension(self) -> int:
-        """Of the sound field, 2 or 3."""
+        """Dimension of the sound field, 2 or 3."""
         return 3 if self.room is None else len(self.room)
 
     @property
@@ -219,14 +220,14 @@ class PlanRequest:
         if not 0 < low < high:
             raise InputError(f"{low:g} to {high:g} Hz is not a band", "give <frequencies> as LO:HI", key="frequencies")
         if low >= self.f_max:
-            problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
+            problem = f"the array interpolates up to {self.f_max:.0f} Hz, but the band begins at {low:g} Hz"
             remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width
             raise InputError(problem, remedy, key="frequencies")
         return low, min(high, self.f_max)
 
     @property
     def _width(self) -> str:
-        """The advice to give positions in metres, for an array that is very wide; "" for others."""
+        """The advice to give positions in metres, for a very wide array; "" for others."""
         width = float(np.ptp(self.layout.positions, axis=0).max())
         wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
         return wide if width > PLAN_LIMITS.wide else ""
@@ -244,7 +245,7 @@ class PlanRequest:
 
     @property
     def prior(self) -> Prior:
-        """What is given beside the pressures."""
+        """What is known in addition to the pressures."""
         return Prior(np.array(self.known, int), self.known_sigma, self.gain_sigma_db * np.log(10) / 20)
 
 
@@ -255,26 +256,26 @@ class ForecastRules:
     # F' / F, see the module's docstring. With 8 to 48 microphones at 30 dB the exact sum corresponds to values from 0.3
     # to 0.8.
     field_part: float = 0.5
-    # metres, one sigma of an arrival time: 0.1 to 0.8 mm in simulated rooms, 0.9 mm of the measured array
+    # one sigma of an arrival time as a path, metres: it is 0.1 to 0.8 mm in simulated rooms, 0.9 mm in a measured array
     arrival_sigma_m: float = 5e-4
     freedom: float = 3.0  # degrees of the Student t distribution that the solver assumes for arrival times
-    # Error over the bound of field and arrival times together: 1.5 to 2.2. The solver takes all rows as independent and
-    # gives them too much weight beside arrival times.
+    # Error over the bound of field and arrival times together, in draws 1.5 to 2.2. The solver treats all rows as
+    # independent and gives them too much weight beside arrival times.
     arrival_margin: float = 1.7
     # One sigma of the logarithm of the error by which one room and source differ from the diffuse field, in addition to
     # the scatter that follows from the covariance.
     field_scatter: float = 0.2
     quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws lie
-    # Error over the bound of a plane array in a room: low, middle, high. The bound assumes
-    # equally strong waves from all directions, from which the size of such an array follows; no room has them.
+    # Error over the bound of a plane array in a room: low, middle, high. The bound assumes equally strong waves from
+    # all directions, from which the size of such an array would follow; no room has such waves.
     plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
     source_sets: int = 8  # number of sets of source positions over which arrival times are averaged
     takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares with its own
-    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # dB above its own ratio, of the ratios that a plan compares
-    # dB, greatest ratio that is compared. Channels that are equal to 0.1 dB and 0.5 degrees cause the same errors as
-    # noise 38 dB below the signal, so that less noise is of no use.
+    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # the ratios that a plan compares, dB above its own ratio
+    # Largest ratio that is compared, dB. Differences of 0.1 dB and 0.5 degrees between the channels cause the same
+    # errors as noise 38 dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0
-    # relative one sigma of the size from which a plan mentions it: 10 mm in an array of 1 m, as the default accuracy
+    # relative one sigma of the size above which a plan mentions it: 10 mm in an array of 1 m, like the default accuracy
     blurred: float = 0.01
     # Number of independent short windows, of all frequencies together, that explains the errors of `python -m
     # benchmarks comparison`.
@@ -289,7 +290,7 @@ FORECAST = ForecastRules()
 
 @dataclass(frozen=True)
 class Forecast:
-    """The error that a calibration will have, root mean square over the microphones that are sought, metres."""
+    """The error that a calibration is expected to have: RMS over the microphones that are sought, metres."""
 
     rms: float  # expected
     low: float  # the errors of 8 of 10 recordings are between `low` and `high`
@@ -299,7 +300,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be expected of an array."""
+    """The forecast for a request, and for other numbers of takes and other signal-to-noise ratios."""
 
     request: PlanRequest
     bound: Bound  # in a diffuse field
@@ -313,7 +314,7 @@ class Plan:
 
 
 def make_plan(request: PlanRequest) -> Plan:
-    """Return the bound of a request, the error to be expected, and what more takes or a better signal bring."""
+    """Return the bound of a request, the expected error, and the expected errors with more takes or less noise."""
     rules, x, takes = FORECAST, request.layout.positions, tuple(sorted({*FORECAST.takes, request.takes}))
     best = max(rules.max_snr_db, request.snr_db)
     ratios = tuple(sorted({min(request.snr_db + more, best) for more in rules.more_db}))
@@ -345,7 +346,7 @@ def make_plan(request: PlanRequest) -> Plan:
 def _forecast(
     request: PlanRequest, of_frequency: Information, windows: Information | None, arrivals: Sequence[np.ndarray]
 ) -> Forecast:
-    """Return the error to be expected; `arrivals`: of `_arrival_information`, for some sets of sources."""
+    """Return the expected error; `arrivals`: from `_arrival_information`, one matrix for each set of sources."""
     information = of_frequency.scaled(request.takes * len(request.frequencies))
 
     def scattering(found: list[Bound], factor: float, beyond: str) -> Forecast:
@@ -373,7 +374,7 @@ def _forecast(
         return plain
     cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
     both = f"{of_windows} and arrival times" if of_windows else "arrival times"
-    # Arrival times never make the forecast worse, although their margin would if they add little.
+    # Arrival times never make the forecast worse, although their margin would do so where they add little.
     return min(plain, scattering(cases, FORECAST.arrival_margin, both), key=lambda one: one.rms)
 
 
@@ -434,7 +435,7 @@ def positions_in_room(request: PlanRequest) -> np.ndarray:
 
 
 def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
-    """Return in words what the pressures and the given positions do not determine."""
+    """Return sentences about what the pressures and the given positions do not determine."""
     x, found, D = request.layout.positions, [], request.layout.positions.shape[1]
     if not fixes_gauge(x[request.prior.known]):
         what, line = ("the array in its plane", "on one line") if D == 2 else ("the array", "in one plane")
@@ -453,7 +454,7 @@ def plan_lines(plan: Plan) -> list[str]:
     request, forecast, sigma = plan.request, plan.forecast, plan.bound.sigma[plan.bound.free]
     (low, high), count = request.limits, len(request.frequencies)
     field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
-    takes = f", the source at {request.takes} places, recorded equally long from each" if request.takes > 1 else ""
+    takes = f", the source at {request.takes} places, each recorded for the same time" if request.takes > 1 else ""
     lines = [
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{takes}"
@@ -464,16 +465,16 @@ def plan_lines(plan: Plan) -> list[str]:
         moved = f"the array is moved as a whole, its centre to ({centre}) m"
         lines.append(f"the layout does not lie inside the room: {moved}")
     wanted = len(request.band_frequencies)
-    of = f" in each take, the part of {wanted} that an import uses by default," if count < wanted else ""
+    of = f" in each take (by default an import uses no more of these {wanted})" if count < wanted else ""
     top = high if request.band is None else request.band[1]
-    left_out = f", so that of {low:g} to {top:g} Hz the higher ones are left out" if top > high else ""
+    left_out = f"; of {low:g} to {top:g} Hz the higher ones are left out" if top > high else ""
     lines.append(
         f"frequencies: {count} independent ones{of} from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {request.f_max:.0f} Hz{left_out}"
     )
     why = ""
     if forecast.beyond:
-        why = f"; {forecast.beyond} included, so that it may be below the least error, which leaves them out"
+        why = f"; it includes {forecast.beyond}, which the least error below does not"
     elif request.is_plane_in_room:
         why = "; only an isotropic field determines the size of a plane array, and no room is isotropic"
     elif request.kind == "impulse":
@@ -495,7 +496,7 @@ def plan_lines(plan: Plan) -> list[str]:
 
 
 def _advice(plan: Plan) -> str:
-    """Return in words which numbers of source positions and which SNR reach the wanted accuracy."""
+    """Return the sentence that says which number of source positions or which SNR reaches the wanted accuracy."""
     request, wanted = plan.request, f"{length_text(plan.request.accuracy)} rms"
     reached = plan.expected <= request.accuracy
     own = plan.takes.index(request.takes)

@@ -1,7 +1,7 @@
 """Signal handlers and the number of BLAS threads: fdcal changes them while it works and restores them afterwards.
 
-The matrices of the solvers are small and their own threads share the work by modes: more threads of BLAS cost more time
-than they save, especially beside another process. Importing fdcal changes nothing.
+The matrices of the solvers are small, and the solvers distribute the modes over threads of their own. More threads of
+BLAS would cost more time than they save, especially beside another process. Importing fdcal changes nothing.
 """
 
 import contextlib
@@ -49,15 +49,15 @@ def interrupts(urgent: bool = True) -> Iterator[threading.Event]:
 
 
 _lock = threading.Lock()
-_computations: list[int] = []  # one entry for each computation that runs
-_limits: list[tuple] = []  # controller, limit and thread of the first of them
+_computations: list[int] = []  # one entry for each running computation
+_limits: list[tuple] = []  # controller, limit and thread of the computation that began first
 
 
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread in the block; of several blocks that overlap, the last one removes the limit.
 
-    The limit applies to the whole process: BLAS has no other.
+    The limit applies to the whole process, because BLAS has no limit for a single thread.
     """
     import numpy  # noqa: F401  a library that is loaded later would not be limited
     import scipy.linalg  # noqa: F401  has a BLAS of its own

@@ -30,7 +30,7 @@ def table_of(scene: Scene) -> dict[str, Any]:
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """Return `scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None removes a key.
+    """Return `scene` with some keys changed, such as {"room.walls": "absorbing", "seed": 3}; None removes a key.
 
     InputError for a key or a value that a scene cannot have, and for a measured scene unless the key is title, seed or
     one of the solver.
@@ -111,7 +111,7 @@ def parameters_of(scene: Scene) -> SceneParameters:
 
 
 def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
-    """Return `scene` with other parameters and a title that lists what has changed, checked without simulating."""
+    """Return `scene` with other parameters and a title that lists the changes; it is checked without a simulation."""
     before = parameters_of(scene)
     if parameters == before:
         return scene
@@ -127,7 +127,7 @@ def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
         seed=parameters.seed,
     )  # fmt: skip
     count, known, lowest = array.number, parameters.known, min_known(changed)
-    if (known, count) != (before.known, before.microphones):  # otherwise the known microphones stay the same
+    if (known, count) != (before.known, before.microphones):  # else the known microphones stay the same
         if not lowest <= known < count:
             raise refusal("known", known, f"is impossible for {count} microphones", f"use {lowest} to {count - 1}")
         positions = positions_of(replace(changed, gauge=Gauge(free=(0,))))
@@ -176,13 +176,13 @@ def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Sce
         return scene.room.admittance
     if not 0 < parameters.absorption <= 1:
         problem = f"absorption = {100 * parameters.absorption:g} % is impossible for absorbing walls"
-        raise InputError(problem, "use more than 0, 100 % at most", key="absorption")
+        raise InputError(problem, "use more than 0 % and at most 100 %", key="absorption")
     reflection = math.sqrt(1 - parameters.absorption)
     return (1 - reflection) / (1 + reflection)
 
 
 def _search(scene: Scene, q: float) -> Search | None:
-    """Return the search domain for an array `q` times as large, with the same centre and on the same cell centres."""
+    """Return the search domain for an array `q` times as large, with the same centre and on centres of grid cells."""
     old = scene.search
     if old is None or q == 1:
         return old
@@ -197,7 +197,7 @@ def _search(scene: Scene, q: float) -> Search | None:
 def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
     """Return the numbers of `count` microphones far from each other, ascending; `positions` (N, D), metres.
 
-    They are chosen one after another, each as far as possible from those before.
+    They are chosen one after another, each as far as possible from those that are already chosen.
     """
     chosen: list[int] = []
     apart = np.linalg.norm(positions - positions.mean(axis=0), axis=1)

@@ -3,7 +3,7 @@
 A session plays, pauses, steps, rewinds and resets a solver without blocking the caller. It does not depend on a user
 interface: commands go in through a queue, and one frozen `SessionView` at a time comes out. Only the solver thread
 calls the solver's `init`, `step` and `use_modes`. A state holds all that `step` needs, so that a run can be continued
-from any of them. `SolverRun` is what the solver thread does: it carries out commands, one step or one change of state
+from any state. `SolverRun` is what the solver thread does: it carries out commands, one step or one change of state
 at a time; `Session` owns the thread.
 
 The reference cost of a state does not depend on the solver. The solver thread computes it, and any thread may read it.
@@ -78,7 +78,7 @@ class StateCosts:
         return [state for state in states[::-1][:: max(1, len(states) // MAX_FILLED)] if not self.knows(state)]
 
 
-MAX_STATES = 4000  # number of states kept of a run, about 6 kB each; if there are more, every second one is dropped
+MAX_STATES = 4000  # largest number of states kept of a run, about 6 kB each; above it, every second state is dropped
 
 
 def thinned(states: Sequence) -> list:
@@ -106,7 +106,7 @@ class SessionView:
     index: int  # of the state in the history that is shown; the run continues from it
     history: tuple = field(compare=False)  # states, oldest first
     running: bool = False  # whether steps are being taken
-    error: str = ""  # the last exception of the solver, "" if there is none
+    error: str = ""  # text of the last exception of the solver, "" if there is none
     # the same object as long as the history only grows; a reset, or continuing from an earlier state, makes a new one
     lineage: object = field(default_factory=object, compare=False)
     costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
@@ -130,8 +130,8 @@ log = logging.getLogger(__name__)
 class SolverRun:
     """The states of a run and the commands that change them; only one thread may call its methods.
 
-    Parameters as of `Session`. `on_change` is called after `view` has changed, which is frozen, so that any thread may
-    read it; `pause_between_steps` is the minimum time between two steps, s.
+    The parameters are those of `Session`. `view` is frozen, so that any thread may read it; `on_change` is called after
+    a new one has replaced it. `pause_between_steps` is the minimum time between two steps, s.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class SolverRun:
     def execute(self, method: Callable, *arguments, **named) -> None:
         """Call a method of this class; an exception pauses the run and is shown in the view.
 
-        A command that is not possible changes nothing, and the view holds the reason.
+        A command that is not possible changes nothing; the view then holds the reason.
         """
         before, is_command = self._reached, method is not SolverRun.advance
         if is_command:
@@ -269,7 +269,7 @@ class SolverRun:
         self._keep([*self._states[: self.view.index], state])
 
     def place(self, microphone: int, position: tuple, gesture: object) -> None:
-        """Append a state with the microphone moved; the next one of the same gesture replaces it."""
+        """Append a state with the microphone at `position`; the next move of the same gesture replaces this state."""
         old = self.view.state
         positions = np.array(old.positions)
         positions[microphone, : len(position)] = position  # a move in the plan view leaves the height as it is
@@ -368,7 +368,7 @@ class Session:
     def _notify(self) -> None:
         with self._changed:
             self._changed.notify_all()
-        if not self.view.running:  # during a run the page looks at the view in intervals
+        if not self.view.running:  # during a run the page reads the view at intervals
             self.notify()
 
     def _serve(self) -> None:

@@ -1,8 +1,8 @@
 """A session as a file, with which `fdcal view SESSION` continues.
 
 It is a .zip of two files. session.json holds the scene with the settings of its solver, the seed of the start, the
-index of the state that was shown, the values of the page's controls and the states. It writes infinity as Python's
-JSON does. session.npz holds the arrays of the states and the measurement; it is a measurement file that
+index of the state that was shown, the values of the page's controls and the states; infinity is written as Python's
+json module writes it. session.npz holds the arrays of the states and the measurement; it is a measurement file that
 `fdcal calibrate` can read. msgspec reads each state as its class declares it. Reading executes no code of either file.
 """
 
@@ -32,8 +32,8 @@ from .sources import OpenRequest
 
 VERSION = 4
 TABLE, ARRAYS = "session.json", "session.npz"
-UNPACKED_BYTES = 400_000_000  # size that an archive may unpack to
-WRITTEN_BYTES = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
+UNPACKED_BYTES = 400_000_000  # largest size of an archive when it is unpacked
+WRITTEN_BYTES = 64_000_000  # largest size of the states in a file; of longer runs fewer are written, evenly spaced
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
@@ -116,11 +116,11 @@ PLACES = ("positions", "shape", "centre")  # arrays of coordinates, metres
 
 
 class StateReader:
-    """Reads states from JSON and checks them against their types and the problem, which gives shapes and ranges."""
+    """Reads states from JSON; checks them against their types, and against the shapes and ranges of the problem."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], problem: Problem):
         self._arrays = arrays
-        self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
+        self._read: dict[tuple, np.ndarray] = {}  # each array is read once, also if several states refer to it
         modes, count = problem.pressures.shape
         D = problem.array_dimension
         self._shapes = {
@@ -188,7 +188,7 @@ def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray
     of the stack and the index in it.
     """
     stacks: dict[tuple, list[np.ndarray]] = {}
-    references: dict[int, tuple[np.ndarray, list[int]]] = {}  # the array is kept so that no other one gets its id
+    references: dict[int, tuple[np.ndarray, list[int]]] = {}  # the array is kept, so that no other array gets its id
 
     def encoded(value: Any) -> Any:
         if isinstance(value, np.generic):

@@ -45,12 +45,12 @@ class CalibrationInput:
     # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
     # unless given
     time_limit: float | None = None
-    # how reports of errors call the positions of the measurement; "" for the true or the nominal positions
+    # name, in reports of errors, of the positions compared with; "" for the true or the nominal positions
     compared_with: str = ""
     remark: str = ""  # how these positions were assigned to the channels; "" if there is nothing to say
-    labels: tuple[str, ...] = ()  # of the channels, each with its name in the list if that differs; () without a list
-    title: str = ""  # of a scene that is a measurement; "" stands for its name
-    radius: str = ""  # of the array, and how the import determined it, in words; "" without recordings
+    labels: tuple[str, ...] = ()  # names of the channels, each with its name in a list if that differs; () without one
+    title: str = ""  # title of a scene that is a measurement; "" stands for the name of the scene
+    radius: str = ""  # radius of the array and how the import determined it, in words; "" without recordings
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -66,9 +66,9 @@ def load_input(
 ) -> CalibrationInput:
     """Return the measurement of .npz files, of recordings, or of a scene.
 
-    `text` is the path of a file or folder, or the name of a scene; several are the paths of takes, all recordings or
-    all measurements. `excluded` are names or numbers of microphones to leave out; `options` say how recordings are
-    imported.
+    `text` is the path of a file or folder, or the name of a scene; several texts are the paths of takes, all of them
+    recordings or all of them measurements. `excluded` are names or numbers of microphones to leave out; `options` say
+    how recordings are imported.
     """
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
@@ -103,7 +103,7 @@ def measurement_input(
     excluded: tuple[str, ...] = (),
     settings: SolverSettings | None = None,
 ) -> CalibrationInput:
-    """Return a measurement and the settings of a solver, without more modes than it has."""
+    """Return a measurement and the settings of a solver, with at most as many modes as the measurement has."""
     settings = settings or SolverSettings()
     if settings.modes != ALL_MODES:
         modes = min(settings.modes, len(measurement.frequencies))
@@ -199,12 +199,12 @@ class OpenRequest:
     """A request to open a page, or to replace what it shows."""
 
     scene: Scene  # with the settings of the solver
-    # of the solver's start; None for the seed of the scene, which also draws its microphones and noise
+    # seed of the solver's start; None for the seed of the scene, with which its microphones and noise are drawn
     start_seed: int | None = None
     measurement: Measurement | None = None  # None for that of the scene, which is simulated or taken from the cache
     # states of the solver, oldest first, with which the history begins; () for the start of the solver
     states: tuple = ()
-    index: int | None = None  # of the state that is shown; None for the last one
+    index: int | None = None  # index of the state that is shown; None for the last state
     # values of the page's controls, by the names of `viewer.state.Choices` and `viewer.cost_maps.MapStyle`; the style
     # of the previous page is kept where none is given
     choices: Mapping[str, Any] = field(default_factory=dict)
@@ -215,7 +215,7 @@ class OpenRequest:
         convert(self.start_seed, Seed | None, "start_seed")
         if self.index is not None and not 0 <= self.index < len(self.states):
             count = len(self.states)
-            remedy = f"use 0 to {count - 1}" if count else "give states, or no index"
+            remedy = f"use 0 to {count - 1}" if count else "give states, or leave out index"
             raise refusal("index", self.index, f"is none of the {count} states", remedy)
 
     @property

@@ -34,8 +34,8 @@ class Delivery:
 class Lane:
     """A thread that several workers share; it starts with the first request.
 
-    If several workers have a request that waits, the worker that was made first goes first. A function that returns an
-    iterator is a long computation: between its parts the requests of the other workers are carried out.
+    If several workers have a waiting request, the worker that was made first is served first. A function that returns
+    an iterator is a long computation: the requests of the other workers are carried out between its parts.
     """
 
     def __init__(self, name: str):
@@ -156,7 +156,7 @@ class Memo:
     _kept: tuple[tuple, Any] = (), None
 
     def get(self, *inputs) -> Any:
-        """Return the value if it was made from these inputs, else None."""
+        """Return the kept value if it was made from these inputs, else None."""
         kept, value = self._kept
         same = len(kept) == len(inputs) and all(
             a is b or (isinstance(a, VALUES) and a == b) for a, b in zip(kept, inputs, strict=True)
@@ -169,7 +169,7 @@ class Memo:
         return value
 
     def __call__(self, make: Callable[[], Any], *inputs) -> Any:
-        """Return the value for these inputs; call `make` if the last one was made from others."""
+        """Return the value for these inputs; call `make` if the kept value was made from other inputs."""
         value = self.get(*inputs)
         return self.keep(make(), *inputs) if value is None else value
 
@@ -188,7 +188,7 @@ class Scheduler:
     def worker(self, function: Callable, quick: bool = False, keep: int = 1) -> LatestWorker:
         """Return a worker that calls `function` with the newest requests, of which `keep` may wait.
 
-        `quick`: whether the results follow a pointer; longer computations have a thread of their own.
+        `quick`: whether the results follow a pointer; longer computations run on another thread.
         """
         name, lane = ("a map", self._maps) if quick else ("a job", self._jobs)
         return LatestWorker(function, name, keep, self._wake, lane)

@@ -54,7 +54,7 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     assert line_of(summary(inputs, unknown), "error").endswith(f"one sigma {sigma}")
     room = replace(inputs, measurement=replace(inputs.measurement, dimension=3), scene=None)
     room = replace(room, radius="0.5 m, <array_radius> sets it")
-    assert "one plane; an import with --array-dimension 3 seeks" in line_of(summary(room, found), "array")
+    assert "one plane; an import with --array-dimension 3 estimates" in line_of(summary(room, found), "array")
     assert line_of(summary(room, found), "radius") == "radius  0.5 m, --array-radius R sets it"
 
 

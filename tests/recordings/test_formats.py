@@ -276,7 +276,7 @@ def of_channel(number: int, values):
         ("mesh", in_mesh("pos_mic.npy", lambda path: np.save(path, PLACES[:, :2])), "pos_mic.npy has shape (5, 2)"),
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].setncattr("Units", "degree, degree, metre")), "in degrees"),
         ("a.sofa", in_sofa(lambda f: f["ReceiverPosition"].__setitem__(slice(None), np.nan)), "empty or not finite"),
-        ("a.sofa", in_sofa(lambda f: f.renameVariable("Data.IR", "Data.XX")), 'no "Data.IR"'),
+        ("a.sofa", in_sofa(lambda f: f.renameVariable("Data.IR", "Data.XX")), 'neither "Data.IR"'),
         ("a.sofa", in_sofa(lambda f: f.renameVariable("SourcePosition", "Elsewhere")), 'has no "SourcePosition"'),
         ("a.sofa", in_sofa(lambda f: f["ListenerView"].__setitem__(slice(None), [0, 0, 1.0])), "not two directions"),
         ("a.wav", of_channel(2, 0.0), "channel 2 is silent"),
@@ -347,7 +347,7 @@ def test_arrays_as_people_write_them_are_read(name, write, without_rate, tmp_pat
     assert np.allclose(read_samples(recording, 0, T), SAMPLES, atol=1e-6)
     assert recording.positions is None or np.allclose(recording.positions, PLACES)
     if not without_rate:
-        refuses(r"a sampling rate of 8000 Hz itself; leave out rate", formats.read, tmp_path / name, rate=9000.0)
+        refuses(r"a sampling rate of 8000 Hz; leave out rate", formats.read, tmp_path / name, rate=9000.0)
 
 
 def changed(name: str, *changes: tuple[bytes, int, bytes]):

@@ -233,7 +233,7 @@ def test_subsets_are_taken_also_one_in_a_plane(tmp_path):
 
 
 @pytest.mark.parametrize(("call", "words"), [
-    (lambda r: select_subset(r, "1,18"), "0 to 17"), (lambda r: select_subset(r, "a"), "write subset as 0,3,8:12"),
+    (lambda r: select_subset(r, "1,18"), "0 to 17"), (lambda r: select_subset(r, "a"), "for example, subset 0,3,8:12"),
     (lambda r: exclude_channels(r, ["18"]), 'no channel "18"'),
     (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
     (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),
@@ -306,7 +306,7 @@ def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
     np.savez(tmp_path / "noise.npz", recordings=independent, sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "noise.npz", ImportOptions(sound_speed=SPEED))
     assert report.highest_frequency is None and 400 < measurement.frequencies[-1] <= 500
-    assert "unknown; radius of the array: unknown; array_radius gives it" in import_summary(measurement, report)
+    assert "unknown; radius of the array: unknown; array_radius sets it" in import_summary(measurement, report)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):
@@ -387,7 +387,7 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
     assert "in space; if all microphones stand at z = 1.2 m" in import_summary(measurement, report)
     measurement, report = import_recording(folder, ImportOptions(known=known, array_dimension=2))
     assert measurement.array_dimension == 2 and measurement.known_positions.shape == (4, 2)
-    assert "in the plane z = 1.2 m, as all given positions are" in import_summary(measurement, report)
+    assert "in the plane z = 1.2 m, like all given positions" in import_summary(measurement, report)
     blind = import_recording(folder, ImportOptions(known="none", array_dimension=2))[0]
     assert blind.array_dimension == 2 and not len(blind.known)
 

@@ -178,7 +178,7 @@ def geometry(old: str, new: str) -> str:
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "not a readable array"),
         ("t.xlsx", "abc", "not a readable file of Excel"),
-        ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "no single list of positions"),
+        ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "exactly one list of positions"),
     ],
 )
 def test_ambiguous_positions_are_asked_about_in_one_line(tmp_path, name, text, words):
@@ -266,7 +266,7 @@ def test_positions_of_an_unknown_kind_of_file_are_said_to_be_so(tmp_path, capsys
     soundfile.write(tmp_path / "one.wav", np.random.default_rng(0).normal(size=(8000, 4)) / 10, 8000)
     assert exit_code("calibrate", tmp_path / "one.wav", "--known", tmp_path / "places.psv") == 2
     error = capsys.readouterr().err
-    assert "is no list of positions; give a file .cfg, .csv" in error
+    assert "is not a list of positions; give a file .cfg, .csv" in error
 
 
 def test_a_list_without_check_points_to_it(exchanged, capsys):

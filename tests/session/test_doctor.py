@@ -56,7 +56,7 @@ def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(
     small = replace(result, positions=0.8 * result.positions, verdict="scale_undetermined")
     undetermined = report.comparison(measurement_input(tiny, "tiny"), small)
     assert undetermined.agrees and undetermined.scale == 1, "a size that nothing determines is no finding"
-    assert "is not to be trusted (scale_undetermined)" in report.comparison_text(inputs, small, undetermined, None)
+    assert "cannot be trusted (scale_undetermined)" in report.comparison_text(inputs, small, undetermined, None)
 
 
 def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):

@@ -1,7 +1,7 @@
-"""File formats: each module here has `FORMATS`, which it reads or writes. To add a format, add a module.
+"""File formats: each module has a tuple `FORMATS` of those that it reads or writes. To add a format, add a module.
 
-Some readers use a C library that a damaged file may crash. They run in a process of their own, see `read_apart`: it
-returns a recording of up to `MAX_HELD` samples as a whole; of a longer one each block is read by another process.
+Some readers use a C library that may crash on a damaged file. They run in a separate process (`read_apart`). It returns
+a recording of up to `MAX_HELD` samples as a whole; each block of a longer recording is read by a new process.
 """
 
 import importlib
@@ -22,7 +22,7 @@ from ...model.validation import InputError, StorageError, shown
 from ..recording import Recording, block_of
 
 NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
-MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this, so that a header with more is damaged
+MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this; a header that states more is damaged
 
 
 Read = Callable[[Path, int | None, float | None], Recording]
@@ -30,7 +30,7 @@ Read = Callable[[Path, int | None, float | None], Recording]
 
 @dataclass(frozen=True)
 class Format:
-    """A file format: its suffixes and the functions that read or write it; None for those that it does not have."""
+    """A file format: its suffixes, and the functions that read or write it; None where fdcal has no such function."""
 
     suffixes: tuple[str, ...]
     # reads a file: path, number of the source (from 0; None is the first), sampling rate, Hz, of a file without one
@@ -87,17 +87,17 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
             known = f"give {', '.join(suffixes('read'))} or a folder"
             raise InputError("fdcal cannot read the format of this file", known)
         if source and found.source_count is None:
-            raise InputError(f"source = {source} does not exist", "the file holds one source only, 0", key="source")
+            raise InputError(f"source = {source} does not exist", "the file has one source only, 0", key="source")
         if path.is_file():
             with open(path, "rb"):  # reports a missing permission, for which libraries raise various exceptions
                 pass
         recording = found.read(path, source, rate)
         if rate is not None and recording.sample_rate != rate:
-            own = f"it has a sampling rate of {recording.sample_rate:g} Hz itself"
+            own = f"the file states a sampling rate of {recording.sample_rate:g} Hz"
             raise InputError(own, "leave out <rate>", key="rate")
         if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
             problem = f"its header states {recording.count} channels of {recording.samples} samples"
-            raise InputError(f"{problem}, and it has {path.stat().st_size} bytes", "it is damaged: copy it again")
+            raise InputError(f"{problem}, but it has {path.stat().st_size} bytes", "it is damaged: copy it again")
         return recording
     except InputError as error:
         raise error.within(path) from error

@@ -31,7 +31,7 @@ from ..recording import KINDS, MIN_SAMPLES, RANGE_SAMPLES, Recording, ranges
 from . import Format, read_apart, require_whole_file, wanted_source
 
 MESHRIR_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
-# Names in lower case, without other signs and without a unit.
+# Names of arrays, in lower case, with letters only and without a unit.
 RATES = "samplerate samplingrate samplefreq samplingfreq samplefrequency samplingfrequency fs sr rate srate".split()
 TIMES = ("t", "time", "times", "zeit")
 PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
@@ -93,8 +93,8 @@ def recording_in(
 ) -> Recording:
     """Return the recording in arrays; InputError with a list of them if several may be the samples.
 
-    `rate`: Hz, used if the arrays hold none; `opened`: returns, for the name of an array, a function that opens it, if
-    the arrays are not in memory.
+    `rate`: sampling rate, Hz, if the arrays hold none; `opened`: for arrays that are not in memory; returns the
+    function that opens the array of a name.
     """
 
     def long(array: Any) -> list[int]:
@@ -163,7 +163,7 @@ def recording_in(
 
 
 def _read_arrays(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    """Return the recording in a file of NumPy or MATLAB, whose arrays are read into memory, or mapped (.npy)."""
+    """Return the recording in a file of NumPy or MATLAB; its arrays are read into memory, or memory-mapped (.npy)."""
     suffix = path.suffix.lower()
     if suffix == ".npz" and "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
@@ -179,7 +179,7 @@ def _read_arrays(path: Path, source: int | None = None, rate: float | None = Non
 
 def _read_table(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
     """Return the recording in a table of numbers, with or without a header and a column of times."""
-    from .positions import is_header  # which reads SOFA
+    from .positions import is_header  # that module loads the reader of SOFA
 
     def is_data(line: str) -> bool:
         with contextlib.suppress(ValueError):
@@ -231,7 +231,7 @@ def _read_meshrir(path: Path, source: int | None = None, rate: float | None = No
             file, wanted = path / f"ir_{n}.npy", (len(sources), samples)
             data = _mapped(file)
             if data.shape != wanted:
-                raise InputError(f"{file} has shape {data.shape}, not {wanted} as ir_0.npy", "copy it again")
+                raise InputError(f"{file} has shape {data.shape}, not {wanted} like ir_0.npy", "copy it again")
             values[row] = data[source, start:stop]
         return values
 

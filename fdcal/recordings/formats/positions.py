@@ -1,4 +1,4 @@
-"""Positions of microphones in files: what columns mean, and files of other programs, read and written.
+"""Files of microphone positions: what their columns mean, and the formats that are read and written.
 
 Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. An
 ambiguous file raises an InputError that says how to write it. No column of numbers is ignored silently.
@@ -33,10 +33,10 @@ from .sofa import from_spherical, placed_receivers
 
 MAX_BYTES = 10_000_000  # largest size of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
-LARGEST_M = 50.0  # median distance from the middle of an array; larger numbers without a unit are millimetres
-STILL_M = 1e-3  # metres, up to which an array counts as one that does not move
+LARGEST_M = 50.0  # largest median distance from the middle of an array; numbers that exceed it are millimetres
+STILL_M = 1e-3  # metres, largest movement of an array that counts as not moving
 ANGLES = ("azimuth", "elevation", "polar")
-# The contents of a column, and the words of a header that stand for them; the first match counts.
+# The contents of a column, and the words in a header that denote them; the first match counts.
 MEANINGS = {
     "uncertainty": "uncertainty sigma std sd err error tolerance",
     "x": "x",
@@ -176,7 +176,7 @@ def _read_sheet(content: bytes) -> Placed:
 
 
 def _read_xml(content: bytes) -> Placed:
-    """Return the positions in elements with the attributes x, y and z, or position="x y z", of one element."""
+    """Return the positions in the children of an element that have attributes x, y and z, or position="x y z"."""
     found = list[tuple[str, list[dict[str, str]]]]()
     for parent in tree.fromstring(content).iter():
         records = list[dict[str, str]]()
@@ -190,7 +190,7 @@ def _read_xml(content: bytes) -> Placed:
     if len(found) > 1:
         found = [one for one in found if "mic" in one[0].lower()]
     if len(found) != 1:
-        raise _question("it holds no single list of positions", "write as Acoular: <MicArray><pos Name= x= y= z=>")
+        raise _question("it needs exactly one list of positions", "write as Acoular: <MicArray><pos Name= x= y= z=>")
     return _of_records(found[0][1], unique=False)
 
 
@@ -276,7 +276,7 @@ def _of_array(values: Any, unit: float | None = None) -> Placed:
 
 
 def _of_sheet(rows: Rows) -> Placed:
-    """Return the positions in a sheet, whose lines are comments, titles, perhaps a header, then the microphones."""
+    """Return the positions in a sheet: lines of comments and titles, perhaps a header, then a line per microphone."""
     comments = {n: row for n, row in rows.items() if re.match("#|%|//", row[0]) and not (row[0] == "#" and row[1:])}
     body = {n: row for n, row in rows.items() if n not in comments} or dict(rows)
     width = max(map(len, body.values()), default=0)
@@ -299,8 +299,8 @@ def _of_sheet(rows: Rows) -> Placed:
         head = _assumed_header(list(data.values()), width)
     if not data or not head:
         found = shown(",".join(first[0][1])) if first else ""
-        wanted = "the line name,x,y or name,x,y,z and then have one line per microphone"
-        raise _question(f'it must begin with {wanted}, not with "{found}"', "add that line")
+        wanted = "the line name,x,y or name,x,y,z"
+        raise _question(f'it must begin with {wanted}, not with "{found}"', "write one line per microphone below it")
     if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a comment with spaces between its cells
         head = head[1:]
     number = min(data)
@@ -397,7 +397,7 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
     if len(set(names)) == len(names) > 0 and (unique or "" not in names):
         return names
     if names and unique:
-        raise _question("it names a microphone twice", "keep one line of each")
+        raise _question("it names a microphone twice", "keep one line for each microphone")
     return [str(n) for n in range(len(cells[used[0]]))]
 
 
@@ -414,7 +414,7 @@ def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
 
 
 def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
-    """Return one row for each microphone of a table of LOCATA: columns mic1_x, mic1_y, ..., a row for each time."""
+    """Return one row for each microphone of a table of LOCATA with columns mic1_x, mic1_y, ... and rows of times."""
     groups: dict[str, dict[str, int]] = {}
     for column, cell in enumerate(head):
         if match := re.fullmatch(r"(.*\d)[\W_]*([xyz])", cell, re.IGNORECASE):

@@ -44,7 +44,7 @@ def open_sofa(path: Path):
 def values_of(file, name: str) -> np.ndarray:
     """Return a variable as real numbers; raise InputError where it is missing, empty or not finite."""
     if name not in file.variables:
-        raise InputError(f'it has no "{name}"', "write it with the library of the format", key=name)
+        raise InputError(f'it has no "{name}"', "write the file with a SOFA library", key=name)
     values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)
     if not values.size or not np.all(np.isfinite(values)):
         raise InputError(f'"{name}" is empty or not finite', "fill it in", key=name)
@@ -130,7 +130,7 @@ def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
     found = [file.variables.get(name) for name in names]
     if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
         kind = getattr(file, "DataType", "unknown")
-        raise InputError(f'no "Data.IR" nor "Data.Real" (DataType {kind})', "give responses or transfer functions")
+        raise InputError(f'neither "Data.IR" nor "Data.Real" (DataType {kind})', "give responses or transfer functions")
     named = tuple(found[0].dimensions)
     if sorted(named) != sorted(AXES[: found[0].ndim]):  # other names: the order of the format is assumed
         named = tuple(AXES[: found[0].ndim])
@@ -138,7 +138,7 @@ def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
 
 
 def frequencies_of(file, count: int) -> tuple[float, int]:
-    """Return the spacing, Hz, of the frequencies of transfer functions, and the first of them in units of it."""
+    """Return the spacing, Hz, of the frequencies of transfer functions, and the first frequency over the spacing."""
     f = values_of(file, "N").ravel() * _kilo(file, "N")
     step = (f[-1] - f[0]) / max(len(f) - 1, 1)
     if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:
@@ -179,7 +179,7 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
             step, below = frequencies_of(file, shape["N"])
             bins = below + shape["N"]
             last = [file.variables[name][tuple(-1 if axis == "N" else slice(None) for axis in axes)] for name in names]
-            # The last frequency is Nyquist's only if its value is real.
+            # The last frequency is half the sampling rate only if its value is real.
             odd = bool(np.any(np.abs(last[1]) > 1e-6 * np.max(np.abs(last))))
             shape |= {"N": 2 * bins - 2 + odd}
             rates = [round(step * shape["N"], 6)]

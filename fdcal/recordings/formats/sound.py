@@ -20,7 +20,7 @@ from ...model.validation import InputError
 from ..recording import RANGE_SAMPLES, Recording, ranges
 from . import Format
 
-# What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
+# What libsndfile logs about a chunk that is longer than the file, in WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE)
 LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # of RF64
 # Lengths that programs write when they do not know the length: sox, ALSA, ffmpeg, 64-bit formats.
@@ -121,7 +121,7 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
         changes = {0: b"RF64"} if file.read(4) == b"BW64" else {}
     try:
         opened, fault, mended = _opened(path, changes), None, {}
-    except (RuntimeError, ValueError) as error:  # LibsndfileError is one of the first
+    except (RuntimeError, ValueError) as error:  # LibsndfileError is a RuntimeError
         opened, fault, mended = None, error, {}
     with contextlib.suppress(RuntimeError, ValueError, struct.error):
         if (opened is None or not 0 < opened.frames <= LONGEST) and (mended := _with_length(path)):
@@ -169,7 +169,7 @@ def require_whole_rate(rate: float) -> None:
 
 
 def open_for_writing(path: Path, rate: float, channels: int, subtype: str = "FLOAT"):
-    """Open a sound file of 32-bit floats, or of another subtype of libsndfile; a rate is a whole number."""
+    """Open a sound file of 32-bit floats, or of another subtype of libsndfile; `rate`: a whole number of Hz."""
     import soundfile
 
     require_whole_rate(rate)
