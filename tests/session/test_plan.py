@@ -125,7 +125,7 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
 ])  # fmt: skip
 def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, counted):
     plan = planning.make_plan(request_of(text, **others))
-    assert any("short windows included" in line for line in planning.plan_lines(plan)) == counted
+    assert any("it includes short windows" in line for line in planning.plan_lines(plan)) == counted
     if counted:
         radius = np.sqrt(np.mean(np.sum(plan.request.layout.positions**2, axis=1)))
         assert 0.01 * radius < plan.forecast.rms < 0.05 * radius
@@ -226,7 +226,7 @@ def test_the_words_have_the_numbers_of_the_plan():
     lines, low, rms, high = planning.plan_lines(plan), plan.forecast.low, plan.forecast.rms, plan.forecast.high
     assert low < rms < high and plan.expected[2, 0] == rms
     in_mm = lambda values: [f"{1e3 * value:.3g} mm" for value in values]  # noqa: E731
-    error = "expected error: {1} rms, {0} to {2} in 8 of 10 recordings; short windows".format(*in_mm((low, rms, high)))
+    error = "expected error: {1} rms, {0} to {2} in 8 of 10 recordings; it includes short".format(*in_mm((low, rms, high)))
     assert lines[2].startswith(error) and lines[0].endswith("the source at 3 places, each recorded for the same time")
     cells = zip((1, 2, 3, 4, 8), map(in_mm, plan.expected), strict=True)
     rows = [f"{takes} place{'s' * (takes > 1)} {' '.join(row)}" for takes, row in cells]
