@@ -226,7 +226,7 @@ def test_the_words_have_the_numbers_of_the_plan():
     lines, low, rms, high = planning.plan_lines(plan), plan.forecast.low, plan.forecast.rms, plan.forecast.high
     assert low < rms < high and plan.expected[2, 0] == rms
     in_mm = lambda values: [f"{1e3 * value:.3g} mm" for value in values]  # noqa: E731
-    error = "expected error: {1} rms, {0} to {2} in 8 of 10 recordings; it includes short".format(*in_mm((low, rms, high)))
+    error = "expected error: {1} rms, {0} to {2} in 8 of 10 recordings; it incl".format(*in_mm((low, rms, high)))
     assert lines[2].startswith(error) and lines[0].endswith("the source at 3 places, each recorded for the same time")
     cells = zip((1, 2, 3, 4, 8), map(in_mm, plan.expected), strict=True)
     rows = [f"{takes} place{'s' * (takes > 1)} {' '.join(row)}" for takes, row in cells]
