@@ -12,7 +12,7 @@ from ..model.validation import require_choice
 from .primitives import Picture
 
 VIEWS = get_args(View)
-MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view over that of the room, or of the search domain with its rulers
+MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view over that of the room, or of the domain with its rulers
 OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
 REFINEMENTS = 6  # iterations for the 3-D view: in perspective the size in the image is nonlinear in the distance
@@ -26,7 +26,7 @@ class Camera:
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
     up: tuple[float, float, float]  # (3,)
-    fov: float  # vertical field of view, radians; 0 is parallel projection, and a small one from far away looks like it
+    fov: float  # vertical field of view, radians; 0 for parallel projection, which a small one from far away resembles
     height: float  # from bottom to top of the image at `look_at`, metres
 
 
@@ -36,7 +36,8 @@ def camera_for(
     """Return the camera that fills an image with a picture.
 
     `view`: "top" (north up, the search domain fills the image), "3d" (the whole room) or "close" (the array alone);
-    `margins`: left, bottom, right, top pixels to be left free; `fov`: radians; parallel from the top by default.
+    `margins`: pixels to be left free at the left, bottom, right and top; `fov`: field of view, radians; by default the
+    projection from the top is parallel.
     """
     require_choice("view", view, VIEWS)
     width, height = (max(int(length), 1) for length in size)
@@ -51,10 +52,10 @@ def camera_for(
         return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
     fov = math.radians(FOV_3D) if fov is None else fov
-    # The corners of the box that the view shows; if close, with the numbers of its rulers.
+    # The corners of the box that the view shows; in the view "close" also the numbers of the rulers.
     (x0, y0, x1, y1), (low, high) = picture.bounds if view == "3d" else picture.focus, picture.z_range
     room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
-    if view == "3d" and room:  # it stands on a floor at z = 0; the room of a measurement is unknown
+    if view == "3d" and room:  # a room stands on a floor at z = 0; the room of a measurement is unknown
         low, high = 0.0, float(max([*room, high]))
     if picture.floor is not None and picture.floor.heights is not None:
         high = max(high, picture.floor.height + float(picture.floor.heights.max()))
@@ -93,7 +94,7 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
 def project(camera: Camera, size: tuple[int, int], points, lifts: Sequence[float] | float = 0.0) -> np.ndarray:
     """Return the pixels (P, 2), column and row from the upper left corner, at which points (P, 3), metres, appear.
 
-    `lifts`: by how much each point is moved up in the image, metres.
+    `lifts`: distance by which each point is moved up in the image, metres.
     """
     width, height = size
     offset = np.atleast_2d(np.asarray(points, float)) - camera.position

@@ -1,4 +1,4 @@
-"""Figures by matplotlib: cost maps side by side, as the paper's Fig. 1, and a calibration, also as HTML for a notebook.
+"""Figures by matplotlib: cost maps side by side, like the paper's Fig. 1, and a calibration, also as HTML.
 
 matplotlib is loaded with the first figure.
 """
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_TICKS = 6  # largest number of ticks of a colour bar
-TITLE_PAD = 12.0  # points: a mark at the edge of a map does not reach its title
+TITLE_PAD = 12.0  # points between map and title, so that a mark at the edge does not reach the title
 
 
 def draw_landscape(
@@ -47,9 +47,9 @@ def draw_landscape(
     truth, estimate : (2,) array_like, optional
         True and estimated position of the microphone, metres, drawn as a circle and a cross.
     heading : str, optional
-        In place of the usual one.
+        Heading of the figure, instead of the usual one.
     quantity : str, optional
-        What the cost is called.
+        Name of the cost in the label of the colour bar.
 
     Returns
     -------
@@ -113,14 +113,14 @@ def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, 
 
 
 SIDES = 60  # number of sides of the polygon that is drawn for an ellipse
-MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map, because there are many
+MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map; smaller, because there are many
 
 
 def draw_calibration(self: Calibration, truth=None) -> Figure:
     """Return a matplotlib figure of the positions, with error ellipses and the known microphones.
 
-    Of an array in space it has a plan and a side view. Small ellipses are enlarged by a round factor, which the legend
-    names.
+    For an array in space it has a plan and a side view. Small ellipses are enlarged by a round factor, which the legend
+    states.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     D = self.positions.shape[1]
     true = None if truth is None else np.asarray(truth, float)
     if true is not None and true.shape != self.positions.shape:
-        problem = f"truth has shape {true.shape} and the positions {self.positions.shape}"
+        problem = f"truth has shape {true.shape}, but the positions have shape {self.positions.shape}"
         raise InputError(problem, "give one position for each microphone", key="truth")
     known = np.isin(self.names, self.known or ())
     if true is not None and not known.any():
@@ -181,13 +181,13 @@ def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positio
     factor = ellipse_scale(axes, float(np.ptp(positions, axis=0).max()))
     angles = np.linspace(0, 2 * np.pi, SIDES + 1)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    label = "95 % ellipse" + (f", {factor:g} times enlarged" if factor > 1 else "")
+    label = "95 % ellipse" + (f", enlarged {factor:g} times" if factor > 1 else "")
     for place, pair in zip(places[shown], axes[shown], strict=True):
         panel.plot(*(place + factor * circle @ pair).T, "-", color=fractions(ELLIPSE), linewidth=1.2, label=label)
         label = "_"  # one entry of the legend for all
 
 
-ROWS = 12  # microphones that are listed; the first ones
+ROWS = 12  # number of microphones that are listed, beginning with the first
 
 
 def calibration_html(result: Calibration) -> str:
@@ -221,7 +221,7 @@ class Replay:
     Attributes
     ----------
     html : str
-        The page, which loads nothing: written to a file it opens in any browser.
+        The page. It loads no other file; written to a file, it opens in any browser.
     """
 
     html: str
@@ -232,14 +232,15 @@ class Replay:
 
 
 def show_calibration(self: Calibration) -> Replay:
-    """Return the run as a page that plays inline in a notebook, as `fdcal replay` writes it to a file.
+    """Return the run as a page that plays inside a notebook; it is the page that `fdcal replay` writes to a file.
 
-    The solver takes its steps again. In the page a microphone can be dragged, and the solvers' steps can be taken.
+    The solver runs again to the same end. On the page a microphone can be dragged. If array and field are plane and the
+    known microphones fix the axes, the page can also take steps of the paper's method.
 
     Returns
     -------
     Replay
-        What a notebook shows as the last value of a cell; its `html` is the page.
+        A notebook shows it if it is the last value of a cell; its `html` is the page.
 
     Raises
     ------

@@ -29,7 +29,7 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
 
 
 def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
-    """Return a flat bar along each segment (S, 2, 3), four vertices each; `extension`: beyond both ends, metres."""
+    """Return a flat bar along each segment (S, 2, 3), four vertices each, `extension` metres longer at each end."""
     along = _unit(segments[:, 1] - segments[:, 0])
     level = _unit(along * [1.0, 1.0, 0.0])
     side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
@@ -94,7 +94,7 @@ def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:
             a, b = vertices[crossing], following[crossing]
             fraction = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
             crossings = np.sort(a[:, 1 - axis] + fraction * (b[:, 1 - axis] - a[:, 1 - axis]))
-            ends = np.full((len(crossings) // 2, 2, 3), z)  # the line is inside from every other crossing to the next
+            ends = np.full((len(crossings) // 2, 2, 3), z)  # a line is inside between crossings 0 and 1, 2 and 3, ...
             ends[..., axis], ends[..., 1 - axis] = level, crossings.reshape(-1, 2)
             pieces.append(ends)
     return np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
@@ -108,6 +108,6 @@ def round_ticks(low: float, high: float, count: int) -> np.ndarray:
 
 
 def tick_texts(values: np.ndarray) -> tuple[str, ...]:
-    """Return evenly spaced numbers with the fewest decimals that distinguish them, as "1.2"."""
+    """Return evenly spaced numbers with the fewest decimals that distinguish them, such as "1.2"."""
     decimals = max(0, -int(np.floor(np.log10(values[1] - values[0])))) if len(values) > 1 else 2
     return tuple(f"{value:z.{decimals}f}" for value in values)

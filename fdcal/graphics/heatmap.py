@@ -1,4 +1,4 @@
-"""Maps on the floor: costs over the search lattice as colours and heights, with their scale, and standing waves.
+"""Maps on the floor: costs over the search lattice, drawn as colours and heights with a scale, and standing waves.
 
 The colours of a map in relief contain its shading, and renderers add no light. The light comes from the upper left, as
 on a geographic map. Lengths are metres.
@@ -66,10 +66,10 @@ def cost_floor(
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
-    `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is in decibels re 1, over DECADES decades at most;
-    linear if no cost is positive; `label`: name and unit of the cost; `minima`: to be marked, only the lowest cost
-    unless given; `relief`: whether the map has heights, which rise with the cost, and is shaded; `height`: of the map,
-    metres.
+    `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is in decibels re 1, over DECADES decades at most
+    (it is linear if no cost is positive); `label`: name and unit of the cost; `minima`: the minima to be marked, by
+    default only the lowest cost; `relief`: whether the map is shaded and has heights, which rise with the cost;
+    `height`: height at which the map lies, metres.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
@@ -103,14 +103,14 @@ def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, heigh
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
 
-SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs between which colours vary, and heights vary
+SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs over which the colours, and the heights, vary
 
 
 def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:
     """Return the costs of the first and the last colour; costs beyond have the same colours.
 
-    cost : of any shape; log : whether the colours follow its logarithm, and then span at most DECADES;
-    percentiles : of `cost`, in per cent
+    `cost`: array of any shape; `log`: whether the colours follow its logarithm, in which case they span at most
+    DECADES; `percentiles`: those of `cost` at the first and the last colour, per cent.
     """
     low, high = map(float, np.percentile(cost, percentiles))
     if log and high > 0 <= low:
@@ -122,7 +122,7 @@ def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] 
 
 
 def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
-    """Return where on a scale from `low` to `high` each cost lies, 0 to 1."""
+    """Return the place of each cost on a scale, 0 at `low` and below to 1 at `high` and above."""
     cost = np.clip(cost, low, high)
     return np.log10(cost / low) / np.log10(high / low) if log and low > 0 else (cost - low) / (high - low)
 
@@ -136,7 +136,7 @@ def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
 # this value lie on a line. The lines of two waves cross at a few points, and all lines have only the true position in
 # common.
 WAVE_POINTS = 300  # number of points of the map of a wave along its longer edge
-MAX_WAVES = 3  # whose lines are drawn
+MAX_WAVES = 3  # largest number of waves whose lines are drawn
 COUNTED = {2: "both frequencies", 3: "all three frequencies"}
 
 
@@ -150,10 +150,10 @@ def wave_floor(
     height: float = 0.0,
     marked: bool = True,
 ) -> Floor:
-    """Return the map of the pressure of the last of some modes, white where it is zero, with the line of each mode.
+    """Return the map of the pressure of the last of some modes, white where it is zero, with a line for each mode.
 
-    It is reconstructed from the other microphones at their `positions` (N, 2), metres. Diamonds mark where the lines of
-    several modes cross.
+    The pressure is reconstructed from the other microphones at their `positions` (N, 2), metres. On the line of a mode
+    it is the pressure that microphone `n` measured. Diamonds mark where the lines of several modes cross.
 
     `n`: the microphone, counted from 0; `waves`: number, counted from 1, and name of each mode, MAX_WAVES at most;
     `height`: of the map, metres; `marked`: whether there are lines and diamonds.
@@ -175,11 +175,11 @@ def wave_floor(
         paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)] if marked else []
         pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]
         segments = frozen_array(np.concatenate([np.zeros((0, 2, 2)), *pieces]), np.float32)
-        curves += [Curve(f"measures the same at {name.rpartition(', ')[2]}", segments)] if marked else []
+        curves += [Curve(f"measured pressure at {name.rpartition(', ')[2]}", segments)] if marked else []
     if marked and len(waves) > 1:
         misfit = (np.stack(fields) - np.reshape(levels, (-1, 1, 1))) ** 2
         crossings = minima_of(misfit.sum(axis=0), lattice).lowest
     lowest = tuple((float(x), float(y)) for x, y in crossings)
-    captions = (("lowest", f"measures the same at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
+    captions = (("lowest", f"measured pressure at {COUNTED[len(waves)]}"),) if len(waves) > 1 else ()
     more = {"show_minima": bool(lowest), "curves": tuple(curves), "captions": captions}
     return lattice_floor(rgb, lattice, bar, lowest, height, **more)

@@ -1,4 +1,4 @@
-"""What stands below the text of a lesson, on the page and in the gallery: a plot, or a list of channels, as HTML."""
+"""The panel below the text of a lesson, on the page and in the gallery: a plot or a list of channels, as HTML."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -17,17 +17,18 @@ from .marks import ESTIMATE, css
 
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
 WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
-POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, its own units
-FEW = 4  # channels of a list
+POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, in units of the chart
+FEW = 4  # number of channels in a list
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
 FAULTY = f" style='font-weight: 700; color: {css(ESTIMATE)}'"  # row of a channel or a position that is wrong
 
 
 def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: Assessment | None) -> str:
-    """Return the panel of a lesson, as `LessonSetting.panel` calls it; "" while it is not known.
+    """Return a panel of a lesson; "" while what it shows is not known.
 
-    `states`: of the run so far; `found`: the assessment of the last one, or None.
+    `name`: a value of `LessonSetting.panel`; `states`: states of the run so far; `found`: the assessment of the last
+    state, or None.
     """
     truth, known = measurement.positions, measurement.known
     free = np.setdiff1d(np.arange(measurement.count), known)
@@ -52,7 +53,7 @@ def lesson_panel(name: str, measurement: Measurement, states: Sequence, found: A
     if name == "prediction":
         errors = np.array(found.evidence.microphones_db)
         faulty = [measurement.names.index(fault.name) for fault in found.channels.faults]
-        labels = "microphone", "error of the prediction by the others (dB re power)"
+        labels = "microphone", "error of predicting it from the others (dB re power)"
         return chart(np.arange(len(errors)), errors, labels, red=faulty)
     return ""
 
@@ -62,8 +63,8 @@ def chart(
 ) -> str:
     """Return points (P,) as SVG with both axes.
 
-    `labels`: of both axes, with their units; `means`: horizontal lines, each as its two ends, its height and a word;
-    `red`: the points that are red.
+    `labels`: texts of both axes, with units; `means`: horizontal lines, each with its two ends, its height and its
+    text; `red`: indices of the points that are red.
     """
     left, top, right, bottom = EDGES
     low, high = min(0.0, float(y.min())), max(0.0, (1.35 if means else 1.15) * float(y.max()))
@@ -118,7 +119,7 @@ def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[tuple[Sequence[str], str]]) -> str:
-    """Return a table in small type; `rows`: cells and style of each; a single cell is as wide as the table."""
+    """Return a table in small type; `rows`: cells and style of each row; a single cell spans all columns."""
     columns = "".join(f"<th>{text}</th>" for text in head)
     body = ""
     for cells, style in rows:
@@ -131,5 +132,5 @@ def table(head: Sequence[str], rows: Iterable[tuple[Sequence[str], str]]) -> str
 
 
 def named(name: str, faulty: bool) -> str:
-    """Return the name of a microphone, with a sign where it is faulty."""
+    """Return the name of a microphone, after a warning sign if it is faulty."""
     return ("&#9888; " if faulty else "") + escape(name)

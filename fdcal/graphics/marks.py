@@ -4,9 +4,9 @@ True microphones are black circles, estimates red crosses, known microphones blu
 orange diamond, faulty channels violet circles with a bar. Marks differ in shape, and their colours also differ for
 colour-blind readers. A white halo around each keeps it legible on the map and on any background.
 
-In a scene marks are flat meshes, whose size is in the room, not on the screen; in a legend they are symbols, as SVG or
-as an image; matplotlib has a marker for each; the pages of replays and the film get the table as JSON. Lengths are
-metres, colours RGB from 0 to 255.
+In a scene marks are flat meshes with a size in metres, not in pixels. In a legend they are symbols, either SVG or
+images. Figures of matplotlib use a marker for each. The pages of replays and the film get the table as JSON. Lengths
+are metres, colours RGB from 0 to 255.
 """
 
 import enum
@@ -36,21 +36,23 @@ class Mark:
     """One kind of mark."""
 
     name: str  # name of the part of a picture that the mark shows
-    text: str  # what it stands for, in the legend; "" for one that the legend leaves out
-    shape: str  # of its symbol, as `paths` has it
+    text: str  # its text in the legend; "" for a mark that the legend leaves out
+    shape: str  # shape of its symbol, one of those in `paths`
     colour: Colour
-    # in the scene, in radii of a marker: from its middle to its edge, width of its lines, how much wider the halo is
+    # reach, width, halo: in the scene, in radii of a marker: distance from its middle to its edge, width of its lines,
+    # and by how much the halo is wider than the lines
     reach: float = 1.0
     width: float = 0.0
     halo: float = 0.34
-    # of the symbol, in halves of the symbol's edge
+    # size, line, line_halo: of the symbol: distance from its middle to its edge, width of its lines, and by how much
+    # the halo is wider, in halves of the symbol's edge
     size: float = 0.9
     line: float = 0.24
     line_halo: float = 0.3  # 0 for no halo
     halo_colour: Colour = HALO
     filled: bool = False  # whether the first path of the symbol is filled
-    below: "Mark | None" = None  # another mark that it stands on
-    # marker of matplotlib, its size and the width of its lines, points
+    below: "Mark | None" = None  # another mark that is drawn below it in the legend
+    # marker, points, stroke: marker of matplotlib, its size and the width of its lines, points
     marker: str = ""
     points: float = 15.0
     stroke: float = 2.0
@@ -102,7 +104,7 @@ MARKS = {
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
         *(
-            Mark(f"same/{i}", "same pressure", "line", colour, width=0.34, halo=0.2, line=0.2, line_halo=0.0)
+            Mark(f"same/{i}", "measured pressure", "line", colour, width=0.34, halo=0.2, line=0.2, line_halo=0.0)
             for i, colour in enumerate(SAME)
         ),
         Mark("microphones/pointed", "named in the text", "ring", POINTED, 2.6, 0.3, size=0.66, line=0.14),
@@ -112,7 +114,7 @@ MARKS = {
 
 
 class Layer(enum.IntEnum):
-    """Height of each mark over the floor, in layers: what is higher covers what is lower."""
+    """Height of each mark over the floor, in layers: higher marks cover lower ones."""
 
     GRID = -4
     WALLS = 1
@@ -146,8 +148,8 @@ def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarra
 def drape(points, floor: Floor | None, radius: float = 0.0) -> np.ndarray:
     """Return points (P, 2) with the height that a map in relief has there : (P, 3), metres.
 
-    `radius`: of a flat mark at each point, which lies above the slope: the highest height within it counts. Points stay
-    unchanged where the map is flat or missing, or where they have a height.
+    `radius`: radius of a flat mark at each point; the mark gets the largest height of the map within this radius.
+    Points stay unchanged if the map is flat or missing, or if they have a height already.
     """
     points = np.atleast_2d(np.asarray(points, float))
     if floor is None or floor.heights is None or points.shape[1] == 3:
@@ -193,7 +195,8 @@ def strokes(
 ) -> tuple[Mesh, Mesh]:
     """Return bars along (S, 2, 3), metres, as lines of a mark, and their halo one layer below.
 
-    `width`: of the bars, radii of a marker, if not that of the mark; `kind`: the mark, if not that of the part's name.
+    `width`: width of the bars in radii of a marker, by default that of the mark; `kind`: name of the mark, by default
+    `name`.
     """
     mark = MARKS[kind or name]
     width = mark.width if width is None else width
@@ -204,7 +207,7 @@ def strokes(
 def _with_halo(
     mark: Mark, shape: glyphs.Triangles, wider: glyphs.Triangles, marker_radius: float, name: str = ""
 ) -> tuple[Mesh, Mesh]:
-    """Return a mark, and below it, by one layer, its halo: a wider one."""
+    """Return a mark and its halo, which is wider and lies one layer below."""
     name, (vertices, faces) = name or mark.name, wider
     below = vertices - [0, 0, layer_height(1, marker_radius)], faces
     return mesh(f"{name}_halo", below, mark.halo_colour), mesh(name, shape, mark.colour)
@@ -220,7 +223,7 @@ def true_microphones(
     return *marked("microphones/true", centres, marker_radius), *(stems if top > base else ())
 
 
-FINER = 4  # times finer than the image, for smooth edges
+FINER = 4  # factor by which a symbol is drawn larger and then reduced, for smooth edges
 EDGE = 18  # width and height of the drawing of a symbol as SVG
 
 
@@ -263,7 +266,7 @@ def css(colour) -> str:
 
 
 def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
-    """Return marks as a script of a page reads them; `names`: of the marks, by how the script calls them."""
+    """Return marks as a script of a page reads them; `names`: names of the marks by their keys in the script."""
     marks = {key: MARKS[name] for key, name in names.items()}
     return {
         key: {name: getattr(mark, name) for name in ("text", "reach", "width", "halo")}

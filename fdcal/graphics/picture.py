@@ -70,7 +70,7 @@ HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which coincide
 
 
 def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> list[Part]:
-    """Return the outline of the search domain with its rulers; in space also the edges above its base.
+    """Return the outline of the search domain with its rulers, and for an array in space the edges above its base.
 
     In the view from the top the numbers of the z ruler would coincide; there renderers show the label "frame/range".
     """
@@ -118,7 +118,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
     if scene.room.dimension == 3:  # only the edges of a box, since its walls would hide the inside
         feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
-        # The lines of the box cross the array, so that they are fainter than the foreground.
+        # The lines of the box cross the array; therefore they are fainter than the foreground.
         colour, width = mixed(theme.foreground, theme.background, FAINTER), 1.0
         first = lines("room/box", box, theme.grid, 1.0)
     else:
@@ -265,9 +265,9 @@ def with_estimate(
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
-    A known microphone also has a cross if its estimate differs from the given position, since the solver corrects given
-    positions or the user has moved it. `truth` (N, D), metres, are the true positions as they are drawn; without it,
-    those of a blind array are aligned with the estimate.
+    A known microphone also has a cross if its estimate differs from the given position, because the solver has
+    corrected the given position or the user has moved the microphone. `truth` (N, D), metres: the true positions as
+    they are drawn; without it, the true positions of an array without known microphones are aligned with the estimate.
 
     `microphone`: the selected one; `pointed`: microphones with a ring around them and a name with their error.
     """
@@ -324,14 +324,14 @@ def with_estimate(
     return picture.plus(named(microphone, errors_of.get(microphone, ""), "selected/name"))
 
 
-ERROR_PIECES = 40  # of an error line on a relief; a straight line would go through hills
+ERROR_PIECES = 40  # number of pieces of an error line on a relief, because a straight line would go through hills
 
 
 _DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
 ELLIPSE_SIDES = 36  # number of sides of the polygon that is drawn for an ellipse
-NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
-SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
-VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
+NO_ELLIPSE = 1e-6  # half axis up to which nothing is drawn, m
+SMALL_ELLIPSE = 0.5  # half axis below which the marks hide an ellipse, in radii of a marker
+VISIBLE = 0.03  # half axis to which the median ellipse is enlarged, as a fraction of the extent
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -368,8 +368,8 @@ def with_ellipses(
 ) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
 
-    The legend says by how much the ellipses are enlarged, or that they are too small to be seen, and `note` adds to it.
-    `axes` as of `ellipse_scale`; in space the two longest span the ellipse. Ellipses are drawn `scale` times as large.
+    The ellipses are drawn enlarged by `scale`. The legend states this factor, or that the ellipses are too small to be
+    seen, and then `note`. `axes`: see `ellipse_scale`; in space the two longest half axes span the ellipse.
     """
     axes, positions, radius = scale * np.asarray(axes, float), np.asarray(positions, float), picture.marker_radius
     lengths = np.linalg.norm(axes[:, -1], axis=1)
@@ -421,10 +421,10 @@ def with_volume(picture: Picture, volume: "Volume | None") -> Picture:
 
 
 BALL_RADIUS = MARKS["microphones/ball"].reach  # radius of the ball, in radii of a marker
-BALL_SIDES = 20  # around the ball
+BALL_SIDES = 20  # number of faces around the ball
 BALL_BRIGHT: Colour = (236, 74, 88)  # colour of the side of the ball that faces the light
 WHITE: Colour = (255, 255, 255)
-# Colour, radius, and distance of the middle towards the light, in radii of the ball.
+# Name, colour, radius, and distance of the centre towards the light; lengths in radii of the ball.
 BALL_PARTS = (
     ("microphones/ball", marks.ESTIMATE, 1.0, 0.0),
     ("ball/bright", BALL_BRIGHT, 0.74, 0.32),
@@ -442,18 +442,19 @@ def along(points: Reals, fraction: float) -> Reals:
 
 
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
-    """Return the centre (3,), metres, of a ball at `place` (D,); it rests on the rim of a valley that is too narrow."""
+    """Return the centre (3,), metres, of a ball at `place` (D,); over a valley narrower than the ball it is higher."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
-    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of what stands on a map
+    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of marks on a map
     return ground if len(place) == 3 else ground + [0.0, 0.0, above + 0.75 * ball]
 
 
 def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str = "") -> Picture:
     """Return the picture with a ball in place of the cross of the selected microphone.
 
-    `place` (D,) float64, metres; `floor`: a map in relief, on which the ball lies, or None; `path` (P, D) float64,
-    metres, downhill, or None; `text`: beside the ball, in place of the name of the microphone; the name for "".
+    `place` (D,) float64, metres: position of the ball; `floor`: a map in relief, on which the ball lies, or None;
+    `path` (P, D) float64, metres: its path downhill, or None; `text`: the text beside the ball; "": the microphone's
+    name.
     """
     ball, base = BALL_RADIUS * picture.marker_radius, picture.z_range[0]
     in_space, centre = len(place) == 3, ball_centre(picture, place, floor)
@@ -467,7 +468,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     if path is not None and len(path) > 1:
         rise = 0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius)
         way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, rise]
-        colour = picture.theme.foreground if in_space else WHITE  # seen beside what is below it
+        colour = picture.theme.foreground if in_space else WHITE  # visible on what is below it
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
     raised = text or in_space or (floor is not None and floor.heights is not None)
     above = {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if raised else {}

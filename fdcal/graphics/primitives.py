@@ -39,7 +39,7 @@ LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(16
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
 
 
-THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # key: whether dark; usual, for a projector
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether dark: the usual, for a projector
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:
@@ -68,7 +68,7 @@ class ColourBar:
     def ticks(self) -> tuple[tuple[float, str], ...]:
         """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch.
 
-        Whole numbers up to a million are written in full, larger ones and small fractions as "2·10⁷".
+        Whole numbers up to a million are written in full, larger numbers and small fractions like "2·10⁷".
         """
         kept: list[tuple[float, str]] = []
         for value in round_ticks(self.low, self.high, 5).tolist():
@@ -133,7 +133,7 @@ class Label:
 
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:
-    """Return texts by priority: names, names of axes, numbers, those of z last. The first of two that overlap stays."""
+    """Return texts by priority: names, axes, numbers, those of z last. Of two that overlap, the first is drawn."""
     names, numbers = [], []
     for label in labels:
         (numbers if label.name.startswith("frame/") else names).append(label)
@@ -162,9 +162,9 @@ class Floor:
     height: float = 0.0  # metres, height of the map
     minima: tuple[tuple[float, float], ...] = ()  # positions of the other local minima, metres
     show_minima: bool = True  # whether diamonds mark the minima
-    heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
+    heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a relief; None for a flat map
     curves: tuple[Curve, ...] = ()  # on a flat map, three at most
-    captions: tuple[tuple[str, str], ...] = ()  # as of `Picture`
+    captions: tuple[tuple[str, str], ...] = ()  # see `Picture.captions`
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ class Picture:
     # lowest and highest z, metres, which differ for an array in space; the map lies at the lowest
     z_range: tuple[float, float] = (0.0, 0.0)
     surfaces: tuple[Surface, ...] = ()  # in space
-    # pairs of the name of a part and its words in the legend, if they are not those of `fdcal.graphics.marks`
+    # pairs of the name of a part and its text in the legend, if it is not that of `fdcal.graphics.marks`
     captions: tuple[tuple[str, str], ...] = ()
 
     def plus(self, *parts: Lines | Mesh | Label) -> "Picture":

@@ -1,8 +1,8 @@
 """A whole run as one HTML file that plays offline: the page's scene, curves, table and maps, without a server.
 
 The file holds the states as compressed numbers; positions are accurate to 1e-8 of the size of the run. It loads nothing
-from other files, as its content security policy demands. Its parts are in `replay_page/`. The address after # holds
-step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a state.
+from other files; its content security policy forbids this. Its parts are in `replay_page/`. The address after #
+contains step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a state.
 
 packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). Integers of four bytes are stored as
            differences along the first axis. Of every array the lowest bytes of all values come first, then the second
@@ -10,8 +10,8 @@ packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). I
            browsers call "deflate"
 map_data   the data with which the browser computes the cost of moving any microphone, at any state, with any modes
            (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and the gains and noise of
-           the channels. It has only modes that the microphones can carry at the order of `fdcal.cost.eq7`; beyond
-           MAX_PRESSURES numbers the highest modes are left out
+           the channels. It has only modes whose expansion at the order of `fdcal.cost.eq7` has fewer functions than
+           there are microphones ("carried" modes); beyond MAX_PRESSURES numbers the highest of them are left out
 """
 
 import base64
@@ -47,7 +47,7 @@ from .picture import focus_of, wall_height, z_range_of
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
     """Return arrays of int16, int32, float32 or float64 for JSON: "arrays", name to [type, shape], and "bytes".
 
-    A difference that overflows does no harm, since the sum in the browser overflows back.
+    A difference may overflow: the sum in the browser then overflows as well and restores the value.
     """
     listed, content = {}, b""
     for name, values in arrays.items():
@@ -66,7 +66,7 @@ LEVELS = 32767  # integer for the largest real or imaginary part of a mode; roun
 
 
 def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:
-    """Return data and arrays for the maps of a problem; None without a search domain or a mode that can be carried.
+    """Return data and arrays for the maps of a problem; None without a search domain or a carried mode.
 
     "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,). "descent" has the settings
     for steps of descent in the browser, or is None if descent cannot solve the problem.
@@ -115,11 +115,11 @@ def _parts(values: np.ndarray) -> np.ndarray:
     return np.stack([np.real(values), np.imag(values)], axis=-1)
 
 
-MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
+MAX_BYTES = 4_500_000  # largest size of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = tuple("step sweep stage restart moved first last".split())  # attributes of a state
 MAX_COSTS = 400  # number of states, evenly spaced, whose cost is computed
-BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of the data of one microphone
-POSITION_LEVELS = 2**28  # units of a coordinate in the largest distance from the centre of the array
+BASE_BYTES, NAME_BYTES = 100_000, 60  # size of the page without data, and of the data of one microphone
+POSITION_LEVELS = 2**28  # integer for the largest distance of a coordinate from the centre of the array
 PAGE = Path(__file__).with_name("replay_page")
 PAGE_MARKS = {  # names of the page for entries of the table of marks
     "true": "microphones/true", "estimate": "microphones/estimate", "known": "microphones/known",
@@ -134,8 +134,8 @@ def replay_html(
 ) -> str:
     """Return the HTML of a run of any solver.
 
-    `costs`: the reference cost and the numbers of the microphones sought; `options`: further parameters of `run_data`;
-    `opens_at`: the part after # that is assumed if the address has none.
+    `costs`: the parameters `reference_cost` and `sought` of `run_data`; `options`: its further parameters; `opens_at`:
+    the part after # that is assumed if the address has none.
     """
     return page_html(title, [run_data(scene, measurement, states, *costs, **options)], opens_at)
 
@@ -143,8 +143,8 @@ def replay_html(
 def page_html(title: str, runs: Sequence[dict], opens_at: str = "", lesson: dict | None = None) -> str:
     """Return the HTML of some runs, of which the page shows one at a time.
 
-    `runs`: each of `run_data`; `lesson`: its steps, each with parts that show a range of the states of one of the runs
-    (`fdcal.commands.gallery_pages`).
+    `runs`: data from `run_data`; `lesson`: its steps, each with parts that show a range of the states of one of the
+    runs (`fdcal.commands.gallery_pages`).
     """
     data = runs[0] | {"title": title, "lesson": lesson, "opens_at": opens_at, "others": list(runs[1:])}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
@@ -171,10 +171,10 @@ def run_data(
 ) -> dict:
     """Return the data of a run of any solver.
 
-    Beyond `max_bytes` fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown, without
-    `problem` no map. `sought`: numbers of the microphones whose errors count; `microphone`: whose map is shown first,
-    by default the one that the step moved; `parts`: those of a lesson, whose "range" is changed to the numbers of
-    states that are kept.
+    If the data exceed `max_bytes`, fewer states are kept, evenly spaced. Without `reference_cost` no cost is shown,
+    without `problem` no map. `sought`: numbers of the microphones whose errors are averaged; `microphone`: the one
+    whose map is shown first, by default the one that the step moved; `parts`: parts of a lesson, whose "range" is
+    changed to the numbers of the states that are kept.
     """
     search, truth = measurement.search, measurement.positions
     if search is not None and truth is not None and measurement.blind:  # states are drawn moved onto the true positions
@@ -221,10 +221,10 @@ def filled(template: str, parts: Mapping[str, str]) -> str:
 def _state_data(
     measurement: Measurement, states: Sequence, reference_cost, sought, ends: Sequence[int], corrected: bool
 ) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return origin and unit of the positions, and the arrays that change from state to state.
+    """Return the origin and the unit of the positions, metres, and the arrays that change from state to state.
 
-    `ends`: states whose cost is computed in any case; `corrected`: whether gain (T, N, 2) and noise (T, N) of the
-    channels are among them.
+    `ends`: states whose cost is computed in any case; `corrected`: whether the arrays include gain (T, N, 2) and noise
+    (T, N) of the channels.
     """
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
@@ -282,8 +282,8 @@ def picture_of(
 ) -> str:
     """Return a picture of the map of microphone `n` with the true and the estimated positions, as SVG for the index.
 
-    `modes`: counted from 1; () for all that the microphones can carry; `by`: numbers of the microphones by which
-    a blind array is aligned.
+    `modes`: numbers of the modes, from 1; () for all carried ones; `by`: numbers of the microphones by which an array
+    without known microphones is aligned.
     """
     reference_cost, domain = reference_cost_of(problem), problem.search
     if reference_cost is None or domain is None:

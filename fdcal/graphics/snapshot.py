@@ -33,7 +33,7 @@ TIMEOUT = 120.0  # s
 
 
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:
-    """Return the bytes of the PNG, drawn by a child process; StorageError without a GL library of a fitting version."""
+    """Return the bytes of the PNG, drawn by a child process; StorageError if no suitable GL library works."""
     try:
         return call(drawn_png, picture, tuple(size), view, seconds=TIMEOUT)
     except ProcessError as error:
@@ -42,12 +42,12 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
 
 
 MIN_LINE_WIDTH = 0.75  # pixels
-SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
-PEELS = 12  # layers of translucent surfaces that are sorted
+SUPERSAMPLED = 2.5  # factor for the width of lines in an image that is drawn larger and then reduced
+PEELS = 12  # number of layers of translucent surfaces that are sorted by depth
 
 
 def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
-    """Return the bytes of the PNG, drawn on the main thread of this process, which a wrong GL library may crash."""
+    """Return the bytes of the PNG, drawn on the main thread of this process; a wrong GL library may crash it."""
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 
@@ -115,7 +115,7 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 
 
-ANCHORS = {  # of a label, to Pillow's
+ANCHORS = {  # anchor of Pillow for each anchor of a label
     f"{one}-{other}": across + up
     for one, up in (("top", "a"), ("center", "m"), ("bottom", "d"))
     for other, across in (("left", "l"), ("center", "m"), ("right", "r"))
@@ -142,7 +142,7 @@ def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, floa
 
 
 def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[tuple[Mark, float]]]:
-    """Return the entries of the legend in rows that fit into an image, and the pixels from each to the next one."""
+    """Return the rows of a legend that fits into an image: each entry, and its distance to the next one, pixels."""
     scale = text_scale(size)
     letters, rows, used = font(16 * scale), list[list[tuple[Mark, float]]](), 0.0
     for entry in legend_of(picture):
@@ -204,7 +204,7 @@ def uncovered(draw, picture: Picture, camera: Camera, letters) -> list[tuple[Lab
 
 
 def _draw_bar(draw, picture: Picture, bar: ColourBar, camera: Camera, outlined: dict[str, Any]) -> None:
-    """Draw the colour bar with its ticks, and its label above: beside the map, or in 3-D at the image's edge.
+    """Draw the colour bar with its ticks and its label: beside the map or, in 3-D, at the edge of the image.
 
     `outlined`: font and colours of its numbers, as Pillow takes them.
     """

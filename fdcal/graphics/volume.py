@@ -1,4 +1,4 @@
-"""The cost of one microphone in space: isosurfaces over the layer of its height, independent of a renderer.
+"""The cost of one microphone in space: isosurfaces, and the layer at its height, independent of a renderer.
 
     isosurface      where values on a lattice equal a level, by VTK's flying edges
     Volume          isosurfaces, with the scale of their colours and the minima
@@ -6,11 +6,11 @@
     volume_of       a Volume of costs on a lattice
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
-    layer_floor     the layer at one height, in the colours of a Volume, as a map on the floor: it hides no microphone
-    volume_around   the cost around a microphone of a measurement, as on the page
-    map_of          the map of a microphone for a snapshot, of a plane array, too
+    layer_floor     the layer at one height, in the colours of a Volume, drawn on the floor, where it hides no
+    microphone volume_around   the cost around a microphone of a measurement, as on the page map_of          the map of
+    a microphone for a snapshot, also for a plane array
 
-The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
+The colours contain the shading of the surfaces, so that they look alike in all renderers, which add no light.
 """
 
 from collections.abc import Callable
@@ -31,7 +31,7 @@ from .primitives import ColourBar, Floor, Surface
 
 
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (V, 3), metres, faces (F, 3) and normals (V, 3), uphill, of where values equal a level.
+    """Return vertices (V, 3), metres, faces (F, 3) and uphill normals (V, 3) of the surface where values equal a level.
 
     The surface encloses all lower values. Where these reach the edge of the lattice, it is closed there.
     """
@@ -69,10 +69,10 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
 MAX_LEVELS = 3  # isosurfaces; more of them hide each other
 LARGEST, SMALLEST = 0.06, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
 BEYOND = 1e3  # added to the cost beyond the lattice, so that surfaces are closed at its edge
-OPACITY = (0.14, 0.6)  # of the outermost and of the innermost isosurface
+OPACITY = (0.14, 0.6)  # opacity of the outermost and of the innermost isosurface
 TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
 DARKEST = 0.6  # brightness of a surface that faces away from the light
-ON_DARK = 0.15  # fraction of white in a surface on a dark page, and by how much more opaque it is
+ON_DARK = 0.15  # fraction of white in a surface on a dark page, and relative increase of its opacity
 SHADES = 32  # columns of a texture
 
 
@@ -80,21 +80,21 @@ SHADES = 32  # columns of a texture
 class Volume:
     """The cost of one microphone in space."""
 
-    surface: Surface | None  # of all isosurfaces; None where there are none
+    surface: Surface | None  # all isosurfaces; None if there are none
     bar: ColourBar  # colour bar of isosurfaces and layer
     levels: tuple[float, ...] = ()  # dB, levels of the isosurfaces, ascending
-    minima: Minima | None = None  # to be marked, or None
+    minima: Minima | None = None  # the minima to be marked, or None
 
     @property
     def text(self) -> str:
-        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"."""
+        """The levels in words, such as "isosurfaces at -26, -24 and -22 dB"."""
         if not self.levels:
             return "no isosurface"
         return f"isosurface{'s' if len(self.levels) > 1 else ''} at {listed(f'{x:g}' for x in self.levels)} dB"
 
 
 def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
-    """Return round levels of cost, dB, ascending, whose surfaces enclose neither too much nor too little to be seen."""
+    """Return round levels of cost, dB, ascending, whose surfaces are neither too large nor too small to be useful."""
     low, middle = float(decibels.min()), float(np.quantile(decibels, LARGEST))
     for count in (MAX_LEVELS, 6, 10, 20):
         levels = [v for v in round_ticks(low, middle, count) if SMALLEST < np.mean(decibels < v) <= LARGEST]
@@ -144,7 +144,7 @@ def volume_of(
 
 
 def brightened(volume: Volume) -> Volume:
-    """Return a volume for a dark page: brighter and less translucent, for the low costs have dark colours."""
+    """Return a volume for a dark page: brighter and less translucent, because low costs have dark colours."""
     if volume.surface is None:
         return volume
     texture = volume.surface.texture.astype(float)
@@ -154,8 +154,8 @@ def brightened(volume: Volume) -> Volume:
     return replace(volume, surface=replace(volume.surface, texture=frozen_array(texture, np.uint8)))
 
 
-POINTS = 61  # along the longest edge of a volume that is finished
-PIXELS = 240  # along the longer edge of a layer
+POINTS = 61  # points along the longest edge of a finished volume
+PIXELS = 240  # pixels along the longer edge of a layer
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def layer_floor(
 ) -> Floor:
     """Return the layer at `z`, metres, as a map at `height`, metres, `pixels` along its longer edge.
 
-    For a `z` beyond the domain it is the layer at the edge.
+    If `z` lies outside of the domain, the layer at the edge is returned.
     """
     bar, terms = volume.bar, sampled.terms
     domain, lattice = area(terms.domain, 2), terms.domain
@@ -205,7 +205,7 @@ def layer_floor(
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
     """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
 
-    `modes`: how many are summed, from the lowest up, of those that the microphones can carry.
+    `modes`: number of the highest mode that is summed; only carried modes are (`fdcal.cost.eq7.carried_modes`).
     """
     problem = inputs.measurement.problem(inputs.settings.weights)
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1

@@ -126,7 +126,7 @@ def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6, err_msg="on the lattice")
     np.testing.assert_allclose(places[problem.known], problem.known_positions, atol=1e-6)
     assert not np.allclose(places[free], states[0].positions[free])
-    page.get_by_role("button", name="Back to the recording").click()
+    page.get_by_role("button", name="Back to the recorded run").click()
     shown = np.array([page.evaluate("n => replay.placeOf(0, n)", n) for n in range(measurement.count)])[:, :2]
     np.testing.assert_allclose(shown, states[0].positions, atol=1e-6)
     assert page.evaluate("replay.own") is None

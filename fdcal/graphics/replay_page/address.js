@@ -1,5 +1,5 @@
-// What is shown, in the address after #, as in #step=12&microphone=9&modes=1-20&view=top: a link leads to a state. Keys
-// and values are those of fdcal/model/address.py, whose table is data.address; `part` is the step of this page's lesson.
+// The address after # contains what is shown, for example #step=12&microphone=9&modes=1-20&view=top, so that a link leads
+// to a state. Keys and values are those of fdcal/model/address.py, whose table is data.address; `part` is a lesson's step.
 let writing = 0, themed = false;
 
 function readAddress(hash) {
@@ -72,10 +72,10 @@ function addressNow() {
   return "#" + Object.entries(parts).filter(([, value]) => value || value === 0).map(pair => pair.join("=")).join("&");
 }
 
-// Written once nothing has changed for a moment: browsers bound how often an address may change.
+// The address is written when nothing has changed for 0.25 s, because browsers limit how often it may change.
 function writeAddress() {
   clearTimeout(writing);
-  if (playing || location.protocol == "about:") return;  // inline in a notebook there is no address of its own
+  if (playing || location.protocol == "about:") return;  // a page inside a notebook has no address of its own
   writing = setTimeout(() => {
     if (addressNow() == location.hash) return;
     try { history.replaceState(null, "", addressNow()); } catch { location.replace(addressNow()); }

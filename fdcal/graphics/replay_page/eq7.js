@@ -190,7 +190,7 @@ class Landscapes {
   }
   // Cost (ny, nx) of the mode of an index with microphone n moved, the others at `positions` (N, 3), metres, and the power
   // of its pressures; both in the unit of the pressures squared.
-  // A step of descent has a centre, weights of the microphones (N) and orders of its own (`shift`).
+  // For a step of descent: `centre` of the expansion, `weights` of the microphones (N), and `shift` of the orders.
   map(index, n, positions, state, {centre, weights, shift = 0} = {}) {
     const {N, kind} = this, L = this.maps.orders[index] + shift, [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
     const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), power = lengthOf(p) ** 2;
@@ -231,8 +231,8 @@ class Landscapes {
 Landscapes.POINTS = 120;
 Landscapes.FINE = 480;  // of a map of few modes, whose narrow valleys have false minima on a coarse lattice
 
-// What is marked on a map, as fdcal/cost/scale.py says: its lowest cost and the local minima that fit as well, and the
-// other minima, as flat indices; `count` local minima off the edges.
+// What is marked on a map, as in fdcal/cost/scale.py: `lowest`, the lowest cost and the local minima that fit as well, and
+// `others`, the other minima, as flat indices; `count`: the number of local minima that do not lie at an edge.
 function minimaOf(cost, nx, ny, {decades, depth}) {
   const order = Uint32Array.from(cost.keys()).sort((a, b) => cost[a] - cost[b]), basin = new Int32Array(cost.length).fill(-1);
   const high = cost[order[order.length - 1]], below = v => Math.log10(Math.max(v, 1e-300) / high);

@@ -1,6 +1,6 @@
-// A lesson: the text, question and reveal of each step beside the scene, and the settings of its parts. A part holds only
-// settings that differ from those before it; `range`: the states that it shows, which play if there are several.
-const lesson = data.lesson, SECONDS = 6;  // of a run that plays
+// A lesson: the text, question and explanation of each step beside the scene, and the settings of its parts. A part has
+// only settings that differ from those of earlier parts; `range`: the states that it shows, which play if there are several.
+const lesson = data.lesson, SECONDS = 6;  // about as long as a run plays
 let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
 let veiled = false;  // whether the explanation waits for the end of the run
 let part = {}, ellipsed = false;  // of the lesson; whether error ellipses are drawn
@@ -20,7 +20,7 @@ function enterStep(number, choice = -1) {
   $("speed").value = [...$("speed").options].map(option => option.value).find(rate => rate >= count / SECONDS) ?? 100;
   play(count > 0);
 }
-// The run of another scene is shown once the page is loaded again.
+// Shows the run of another scene, for which the page is loaded again.
 function visit(number, choice) {
   const hash = new URLSearchParams({part: choice < 0 ? number + 1 : `${number + 1},${choice + 1}`}), now = new URLSearchParams(addressNow().slice(1));
   for (const key of ["embed", "theme"]) if (now.has(key)) hash.set(key, now.get(key));

@@ -1,4 +1,4 @@
-// The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
+// The map on the floor: the cost of moving one microphone, at the state that is shown, over the chosen modes.
 const free = [...Array(N).keys()].filter(n => !known.has(n));
 let objective = false, marked = true;  // whether the map is of what descent minimises; whether its minima are marked
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
@@ -23,12 +23,12 @@ function requestMap() {
   if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
 }
 
-// Computes until the map is the one wanted. A quick map is finished even if another one is wanted by then, so that a
-// slider that is dragged shows maps on its way.
+// Computes until the map is the one that is wanted. A quick map is finished even if another one is wanted by then, so that
+// maps also appear while a slider is dragged.
 async function work() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
-    for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // its own place is on the map
+    for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // its own place must not change its map
     const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, terms = job.objective ? descentTerms(job.n, Array.from({length: N}, (_, n) => positions.slice(3 * n, 3 * n + 3)), maps.modes[job.indices.at(-1)]) : {};
     const key = [job.t, job.n, lattice.step, job.moved, JSON.stringify([terms.centre, terms.shift])].join();
     if (modeMaps.key != key) modeMaps = {key, found: new Map()};
@@ -167,7 +167,7 @@ function showModes() {
   const indices = modeIndices(), none = !indices.length;
   $("follow").checked = !chosen;
   if (!none) { $("firstmode").value = indices[0]; $("lastmode").value = indices.at(-1); }
-  $("modes").textContent = none ? "none of these can be mapped" : rangeText(indices);
+  $("modes").textContent = none ? "none of these has a map" : rangeText(indices);
   $("microphone").value = selected;
 }
 
@@ -180,7 +180,7 @@ function mapControls() {
       chosen = ends.map(i => maps.modes[i]); show();
     };
   }
-  if (oneMoves) $("microphone").add(new Option("moved by the step", -1));
+  if (oneMoves) $("microphone").add(new Option("the one that moved", -1));
   data.names.forEach((name, n) => $("microphone").add(new Option(name, n)));
   $("microphone").onchange = e => { selected = Number(e.target.value); show(); };
   $("follow").onchange = e => { chosen = e.target.checked ? null : [first[at], last[at]]; show(); };

@@ -1,5 +1,5 @@
-// What a viewer does without Python: a microphone that is dragged over its map rolls downhill when it is let go, and
-// descent (fdcal/solvers/descent.py) takes steps from there. `own` holds the viewer's positions; null: the recording.
+// What the user can do without Python: a microphone that is dragged over its map rolls downhill when it is let go, and
+// descent (fdcal/solvers/descent.py) takes steps from there. `own`: the user's positions; null: those of the recorded run.
 const ROLL = 1200, NEAR = 16;  // ms; pixels
 let own = null, rolling = null;  // {places (N, 3), turn, tries, homes, words, path, waiting}; {n, path, begun}
 const descentLattice = maps?.descent && new Landscapes(maps, arrays, N, D, Math.max(...maps.shape));
@@ -19,7 +19,7 @@ function placeAt(e, z) {
 }
 const inside = ([x, y]) => [x, y].map((v, i) => Math.min(Math.max(v, landscapes.corner[i]), landscapes.corner[i] + landscapes.edge[i]));
 
-// The microphone that a press would take: a free one below the pointer that has a map.
+// The microphone that a press would take: a free one near the pointer, if the map is shown; -1 if there is none.
 function grabbed(e) {
   if (!maps || !$("map").checked || !drawnAt) return -1;
   const box = view.getBoundingClientRect(), far = n => Math.hypot(drawnAt[n][0] - e.clientX + box.left, drawnAt[n][1] - e.clientY + box.top);
@@ -36,7 +36,7 @@ function dragTo(n, e) {
 }
 function release(n) {
   own.waiting = map?.n == n && map.key == wanted.key ? -1 : n;
-  if (own.waiting >= 0) return;  // it rolls as soon as its map is there
+  if (own.waiting >= 0) return;  // it rolls as soon as its map is computed
   rolling = {n, over: map, path: downhill(map, own.places[n]), begun: performance.now()};
   requestAnimationFrame(roll);
 }
@@ -63,7 +63,7 @@ function landed(n, over) {
   show();
 }
 
-// The way downhill over a map from a place to the local minimum that it marks, or to its edge: points (x, y), metres.
+// The path downhill over a map, from a place to a marked local minimum or to the edge of the map: points (x, y), metres.
 function downhill({cost, lattice, minima}, start) {
   const [nx, ny] = lattice.shape, {step} = lattice, height = ([i, j]) => {
     const a = Math.min(Math.max(Math.floor(i), 0), nx - 2), b = Math.min(Math.max(Math.floor(j), 0), ny - 2), u = i - a, v = j - b, at = b * nx + a;
@@ -84,7 +84,7 @@ function downhill({cost, lattice, minima}, start) {
       const there = clip(here.map((v, axis) => v - stride * slope[axis] / length));
       if (height(there) < height(here)) next = there;
     }
-    if (!next) {  // at a point of the lattice, or between shallow ones: on to the nearest lower point, unless it is marked
+    if (!next) {  // no slope leads on: go to the nearest lower point, unless this one is marked
       const [i, j] = here.map(Math.round), at = [i, j], edge = i == 0 || j == 0 || i == nx - 1 || j == ny - 1;
       const done = marked.find(([a, b]) => Math.hypot(a - i, b - j) < 1.5);
       if (done || edge) { if (done) path.push(done); break; }
@@ -112,8 +112,8 @@ function level({cost, lattice}, place) {
   return 10 * Math.log10((1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]));
 }
 
-// What a step of descent on microphone n minimises beside the sum of its modes, of which `high` is the last: the centre
-// of the expansion, weights and order, with the others at `places` (N, 3), metres.
+// The terms of the cost that a step of descent on microphone n minimises: centre of the expansion, weights, and shift of
+// the orders. `high`: the last mode in use; `places`: (N, 3), metres.
 function descentTerms(n, places, high) {
   const {order_offset, ample_modes, known_weight} = maps.descent, lattice = descentLattice;
   const shift = (high >= ample_modes ? order_offset : 0) - maps.order_offset, mean = [0, 1, 2].map(axis => places.reduce((sum, p) => sum + p[axis], 0) / N);
@@ -121,7 +121,7 @@ function descentTerms(n, places, high) {
   const weights = [...Array(N).keys()].map(i => known.has(i) && i != n ? Math.sqrt(known_weight) : 1);
   return {centre, weights, shift};
 }
-// One step: the point of the search lattice where that cost is lowest.
+// One step of descent: the point of the search lattice where that cost is lowest.
 function descentStep(n, places, low, high) {
   const lattice = descentLattice, terms = descentTerms(n, places, high), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
   maps.modes.forEach((mode, index) => {
@@ -148,7 +148,7 @@ let opening = false;
 async function open() {
   const high = (chosen ?? [0, maps.modes.at(-1)])[1], pause = seconds => new Promise(resolve => setTimeout(resolve, 1e3 * seconds));
   const say = words => {
-    const room = Boolean($("words").textContent) != Boolean(words);  // the scene gives it or takes it back
+    const room = Boolean($("words").textContent) != Boolean(words);  // whether the text takes space from the scene, or returns it
     $("words").textContent = words;
     if (room) show();
   };
@@ -163,11 +163,11 @@ async function open() {
     say(`${count == 1 ? "One frequency" : `${count} frequencies`}: ${left} place${left == 1 ? " fits" : "s fit"}`);
     await pause(left > 1 ? 3 : 0.5);
     if (opening && low == 1) {
-      // it rolls from that minimum of the first map from which the path to the last one is longest
+      // the microphone rolls from the minimum of the first map from which the path to the last minimum is longest
       const home = path => Math.hypot(...path.at(-1).map((v, i) => v - map.minima.lowest[0][i])) < 2 * map.lattice.step;
       const ways = places.map(place => downhill(map, place)).filter(home), start = ways.reduce((a, b) => b.length > a.length ? b : a, [map.minima.lowest[0]])[0];
       takeOver(); own.places[map.n].splice(0, 2, ...start); release(map.n); await pause(1.5 + ROLL / 1e3);
-      say("Now you: drag it away, and let it go");
+      say("Your turn: drag the microphone away, and let it go");
       await pause(6);
       break;
     }

@@ -15,8 +15,8 @@ const landscapes = maps && new Landscapes(maps, arrays, N, D);
 const fineLandscapes = maps && new Landscapes(maps, arrays, N, D, Landscapes.FINE);
 const marks = data.marks, RED = marks.estimate.colour;  // the table of fdcal/graphics/marks.py: reach and width in radii of a marker
 const BLUE = "#1f78c8", ORANGE = "#e08a1e", VIOLET = "#8c5ab4";  // of curves and of ticks on them
-const STRIP = maps ? 56 : 0;  // above the scene, for the scale
-// Angles of the view 3-D, from which one looks into the holes of a relief.
+const STRIP = maps ? 56 : 0;  // pixels above the scene, for the colour bar
+// Angles of the 3-D view, from which the minima of a relief can be seen.
 const TURNED = 35 * Math.PI / 180, RAISED = maps && D == 2 ? 52 * Math.PI / 180 : TURNED;
 let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;
 let chosen = null;  // modes of the map, [first, last], or null for those of the solver
@@ -44,7 +44,7 @@ function fit(canvas) {
   return [pen, w, h];
 }
 
-const captionWidth = () => data.lesson && innerWidth > 760 ? $("caption").offsetWidth + 10 : 0;  // pixels that it takes of the scene
+const captionWidth = () => data.lesson && innerWidth > 760 ? $("caption").offsetWidth + 10 : 0;  // pixels of the scene that the text of a lesson covers
 
 // Orthographic projection: rotated about z by the azimuth, then tilted by the elevation; from the top x is right and y
 // is up. The search domain fills the canvas except for the margins of the scale and the rulers.
@@ -77,7 +77,7 @@ function cross(pen, [x, y], r, colour, width) {
 function ring(pen, [x, y], r, colour, width) {
   withHalo((c, w) => { pen.beginPath(); pen.arc(x, y, r, 0, 7); pen.strokeStyle = c; pen.lineWidth = w; pen.stroke(); }, colour, width, 2.4);
 }
-// The microphone that a viewer moves: a ball, as on the page of fdcal.
+// The microphone that the user moves: a ball, as on the page of fdcal.
 function ball(pen, [x, y], r) {
   const shine = pen.createRadialGradient(x - 0.35 * r, y - 0.4 * r, 0.05 * r, x, y, r);
   [[0, "#fff"], [0.2, "#f2616d"], [0.6, RED], [1, "#8f0d1c"]].forEach(stop => shine.addColorStop(...stop));
@@ -95,7 +95,7 @@ function faintly(pen, place, draw) {
   draw();
   pen.globalAlpha = 1;
 }
-// Places from one to another; over a relief, on which the line between them lies, with many between.
+// Points from one place to another; over a relief many, so that the line between them lies on it.
 function between(one, other) {
   const count = maps && reliefShown() ? 24 : 1;
   return Array.from({length: count + 1}, (_, i) => one.map((v, axis) => v + i / count * (other[axis] - v)));
@@ -158,7 +158,7 @@ function scene() {
   room(pen, project);
   const on = ([x, y, z]) => project([x, y, z + depth([x, y])]), now = [...Array(N).keys()].map(n => on(placeOf(at, n)));
   const held = new Map(data.known.map((n, i) => [n, on(givenOf(i))]));
-  const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // by its square
+  const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // whether the square of microphone n covers its estimate
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
