@@ -13,7 +13,7 @@ from .server.hardening import is_loopback, open_server
 from .server.process import error_log, share_one_heap
 
 BROWSER_TIME = 1.0  # s that the session waits, at most, until a browser requests the page with the film
-FIRST_PICTURE = 1.0  # s from then, at most, until the film shows its first picture and viser's program connects
+FIRST_PICTURE = 1.0  # s after the request, at most, until the film has begun and viser's program connects
 
 
 def serve(
@@ -27,12 +27,12 @@ def serve(
 ) -> None:
     """Serve the page until Ctrl-C.
 
-    `request`: what the page shows first; the opening (`fdcal.viewer.opening`) unless given; `host`: address to listen
-    at; `port`: 0 takes a free port; `on_ready`: called with the page's address as soon as it can be opened, perhaps
+    `request`: what the page shows first, by default the opening (`fdcal.viewer.opening`); `host`: address to listen at;
+    `port`: 0 selects a free port; `on_ready`: called with the page's address as soon as it can be opened, perhaps
     before the simulation has finished; `lessons`: offered in this order; `begin`: the lesson to start with, whose scene
-    is opened in place of `request`; `on_progress`: called with the progress of the first session in words, and with ""
-    when it is ready or refused.
-    Raises InputError: the address or the scene cannot be used; StorageError: a file of the scene cannot be read.
+    is opened instead of `request`; `on_progress`: called with the progress of the first session in words, and with ""
+    when it is ready or refused. InputError if the address or the scene cannot be used; StorageError if a file of the
+    scene cannot be read.
     """
     share_one_heap()
     with interrupts() as interrupt, error_log():

@@ -52,15 +52,15 @@ class MapStyle:
 class CostMapRequest:
     """A map to be computed."""
 
-    revision: int  # number of the state on the screen, in place of a slow comparison of states
+    revision: int  # number of the state on the screen, because a comparison of states would be slow
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # counted from 1
-    order_offset: int | None  # of the map of Eq. 7; None for what the solver minimises
-    custom_modes: bool  # whether the user has chosen the modes; otherwise they are those in use
+    order_offset: int | None  # that of a map of Eq. 7; None for a map of what the solver minimises
+    custom_modes: bool  # whether the user has chosen the modes; otherwise they are those that the solver uses
     style: MapStyle
-    follow: bool = field(compare=False)  # whether a map of another microphone that the solver moved will do
-    state: RunState = field(compare=False)  # of the solver
-    lineage: object = field(compare=False)  # of the history that the state belongs to
+    follow: bool = field(compare=False)  # whether a map of another microphone may be shown instead
+    state: RunState = field(compare=False)  # state of the solver
+    lineage: object = field(compare=False)  # lineage of the history to which the state belongs
 
     def replaces(self, wanted: "CostMapRequest", running: bool) -> bool:
         """Return whether this map may be shown in place of `wanted`; while the solver runs, it may be an older one."""
@@ -91,7 +91,7 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     return f"cost, Eq. 7 ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
-NAT = 1.0  # difference of log-likelihoods below which two positions fit equally well
+NAT = 1.0  # difference of log-likelihoods up to which two positions count as fitting equally well
 
 
 def above_lowest(run: PreparedRun, request: CostMapRequest, cost: Reals, lowest: float | None = None) -> Reals:
@@ -109,9 +109,9 @@ def map_modes(
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
-    `state`: of the solver; `chosen`: by the user. With None, a map shows the modes that the solver uses; a map of Eq. 7
-    shows those of them that the microphones can carry, if there are any. `order_offset`: of the map of Eq. 7; None for
-    what the solver minimises.
+    `state`: state of the solver; `chosen`: modes that the user has chosen. If it is None, a map shows the modes that
+    the solver uses; a map of Eq. 7 shows those of them that the microphones can carry, if there are any.
+    `order_offset`: that of a map of Eq. 7; None for a map of what the solver minimises.
     """
     if chosen is not None:
         return chosen
@@ -121,9 +121,9 @@ def map_modes(
 
 
 def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tuple[int, ...]:
-    """Return the modes up to `last`, counted from 1, of which the microphones can carry a map of Eq. 7.
+    """Return the modes up to `last`, counted from 1, that the microphones can carry in a map of Eq. 7.
 
-    Without a search domain, and for a map of what the solver minimises (`order_offset` None), these are all.
+    These are all modes if there is no search domain, or for a map of what the solver minimises (`order_offset` None).
     """
     if order_offset is None or run.problem.search is None:
         return tuple(range(1, last + 1))
@@ -135,8 +135,8 @@ def fine_maps(
 ) -> tuple[list[Reals], Reals, Search] | None:
     """Return maps of single modes, their sum, and their lattice, as fine as the screen; None once cancelled.
 
-    `cancelled`: whether the maps are no longer wanted; `kept`: which of the modes of the request have a map of
-    their own, as indices. Raises InputError: there is no search domain, or a mode cannot be shown at the order of the
+    `cancelled`: returns whether the maps are no longer wanted; `kept`: indices of those modes of the request whose
+    single maps are returned. InputError if there is no search domain, or if a mode cannot be shown at the order of the
     request.
     """
     problem, modes, offset = run.problem, request.modes, request.order_offset
@@ -166,22 +166,23 @@ class CostMap:
     cost_here: float  # cost at the estimated position of the microphone
     lowest: float  # lowest cost of the map
     fine: bool = False  # whether its lattice is finer than the solver's
-    volume: Volume | None = None  # over the floor, or None of a map on the floor alone
-    sampled: SampledVolume | None = None  # values of a volume; None of a map on the floor
-    # of a likelihood: the lowest cost, above which it is shown, and the cost above it that is shown as 0 dB
+    volume: Volume | None = None  # isosurfaces over the floor; None for a map on the floor alone
+    sampled: SampledVolume | None = None  # values of a volume; None for a map on the floor alone
+    # base, highest: for a likelihood, the lowest cost, from which costs are counted, and the difference that is shown
+    # as 0 dB
     base: float | None = None
     highest: float = 1.0
 
     def text_of(self, cost: float) -> str:
-        """Return a cost of this map in words."""
+        """Return a cost of this map as a text."""
         return f"{decibels((cost if self.base is None else max(cost - self.base, NAT)) / self.highest):.1f} dB"
 
 
 def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Search, minima: Minima) -> CostMap:
     """Return a finished map on the floor.
 
-    `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
-    `total`; `minima`: to be marked.
+    `request`: what the map shows, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
+    `total`; `minima`: the minima to be marked.
     """
     style, n = request.style, request.microphone
     here = maps.interpolate(total, search, request.state.positions[n])
@@ -210,7 +211,7 @@ COARSE_NEGLIGIBLE = 1e-3  # coefficients below this are omitted in a coarse volu
 COARSE_PIXELS = 80  # pixels of a layer along its longer edge
 
 
-# While the solver runs, it needs the processor, too:
+# Limits that leave processor time to a running solver:
 PAUSE = 0.15  # s, least time between two maps
 LOAD = 4  # least time between two maps, over the time that a map takes
 FOLLOW_TIME = 0.6  # s, least time for which the map of a microphone is shown while the page follows the solver
@@ -232,8 +233,8 @@ class CostMapWorker:
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
         """Return the map to show, or None, and the error because of which it cannot be computed, or "".
 
-        `wanted`: the map of the state on the screen, which is requested unless it is in progress, or too early after
-        the last one; `running`: whether the solver runs; `now`: time, s.
+        `wanted`: the map of the state on the screen; it is requested, unless it is in progress or the last request was
+        too recent; `running`: whether the solver runs; `now`: time, s.
         """
         latest, due = self.worker.latest, True
         if latest is not None and running:
@@ -241,10 +242,10 @@ class CostMapWorker:
             pause = max(PAUSE, LOAD * (latest.ended - latest.began))
             if wanted.follow and last.microphone != wanted.microphone:
                 pause = max(pause, FOLLOW_TIME)
-            due = now - latest.ended > pause or not last.replaces(wanted, running)  # the user wants another one
+            due = now - latest.ended > pause or not last.replaces(wanted, running)  # or the user wants another map
             alike = (last.style.kind == "shape") == (wanted.style.kind == "shape") and last.style != wanted.style
             if alike and replace(last, style=wanted.style).replaces(wanted, True):
-                wanted = replace(last, style=wanted.style)  # drawn again from the same costs
+                wanted = replace(last, style=wanted.style)  # the costs of the last map, drawn in another style
         if not self.worker.wants(wanted) and due and not (running and self.worker.busy):
             self._since = now
             self.worker.newest(wanted)

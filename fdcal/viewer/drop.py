@@ -1,4 +1,4 @@
-"""Microphones that a user selects or drags over their map; one that is released rolls downhill.
+"""Microphones that a user selects or drags over their map; a released microphone rolls downhill.
 
 An invisible disc, the handle, lies over every estimated position. viser reports the handle that is dragged and the
 position of the pointer on a plane that faces the camera. From it `MicrophonePicker` computes a position at the height
@@ -39,14 +39,14 @@ from .state import Binding
 
 HANDLE_RADIUS = 1.7  # in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
-FIXED = 0.9  # of microphones that cannot be dragged, so that a finger more easily hits one that can
-BALL = 1.6  # factor for the ball, which users drag most
-SPECK = 1e-3  # of handles too small for a pointer: those in the corners of the search domain, and all at first
+FIXED = 0.9  # of microphones that cannot be dragged, so that a finger hits the others more easily
+BALL = 1.6  # of the ball, which users drag more often than other microphones
+SPECK = 1e-3  # of handles that no pointer should hit: those in the corners of the search domain, and all at first
 HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
 
 
 ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
-PATIENCE = 4.0  # s that it waits for its path; after that it stays where it was released
+PATIENCE = 4.0  # s that a released microphone waits for its path; after that it stays where it is
 CONTINUE = "continue"  # command of the button that runs the solver from where a microphone has come to rest
 
 
@@ -62,12 +62,12 @@ class Drag:
 
 @dataclass(frozen=True)
 class Descent:
-    """The way of a dragged microphone down its map."""
+    """The path of a dragged microphone downhill on its map."""
 
     path: DescentPath
     drawn: CostMap
     home: bool | None = None  # whether the path ends in the basin of the true position; None if that is unknown
-    distance: float = math.nan  # from its end to the true position, metres; NaN if that is unknown
+    distance: float = math.nan  # from the end of the path to the true position, metres; NaN if unknown
 
     def cost_text(self, index: int) -> str:
         """Return the cost at a point of the path, as a text."""
@@ -91,14 +91,14 @@ class MovingMicrophone:
 
     microphone: int
     place: tuple[float, ...]  # (D,), metres
-    text: str  # beside it
-    path: Reals | None = None  # (P, D) float64, metres, downhill
+    text: str  # text beside the microphone
+    path: Reals | None = None  # (P, D) float64, metres, its path downhill
 
 
 class Drop:
     """Owns the drag, the thread of the paths, and the numbers of tries and of those that reached the true position.
 
-    `overlay` shows words on the canvas.
+    `overlay` shows texts on the canvas.
     """
 
     def __init__(self, binding: Binding, overlay: Overlay):
@@ -106,9 +106,9 @@ class Drop:
         self._drag: Drag | None = None
         self._droppable = False  # whether the map shows a cost
         self._requested: tuple[Drag, CostMap] | None = None
-        self._gesture = -1  # to which the following times belong
+        self._gesture = -1  # the gesture to which the times below belong
         self._released = self._rolls = math.nan  # time at which the microphone was released, and began to roll, s
-        self._placed: tuple[SessionView, float] | None = None  # view of the session, and time, s, when it got the end
+        self._placed: tuple[SessionView, float] | None = None  # view and time, s, at the placement
         self._ended: object = None  # the state of the session in which the microphone has come to rest
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
@@ -170,7 +170,7 @@ class Drop:
         latest = self.worker.latest
         of_drag = latest is not None and latest.request[0].gesture == drag.gesture
         descent: Descent | None = latest.result if latest is not None and of_drag else None
-        if drag.released:  # it rolls along the path that begins where it was released
+        if drag.released:  # the microphone rolls along the path that begins where it was released
             final = latest is not None and latest.request[0] is drag
             return self._rolling(view, drag, descent if final else None, now)
         text = "" if descent is None else descent.cost_text(0)
@@ -178,7 +178,7 @@ class Drop:
         return MovingMicrophone(drag.microphone, drag.place, text, None if descent is None else descent.path.points)
 
     def _rolling(self, view: SessionView, drag: Drag, descent: Descent | None, now: float) -> MovingMicrophone:
-        """Return a microphone that was released as it is shown; end the drag when it has come to rest."""
+        """Return a released microphone as it is shown at the time `now`; end the drag when it has come to rest."""
         if math.isnan(self._released):
             self._released = now
         if descent is None:
@@ -223,7 +223,7 @@ class Drop:
         self._overlay.show("words", text)
 
     def _compute(self, drag: Drag, drawn: CostMap) -> Descent:
-        """Return the way of a microphone downhill from its position, on the thread, by the cost of the map."""
+        """Return the path of a microphone downhill from its position, by the cost of the map; on the thread."""
         run, request = self._binding.run, drawn.request
         if (found := self._cost.get(request, drawn.fine)) is None:
             if drawn.sampled is not None:
@@ -246,7 +246,7 @@ class Drop:
 
 
 NUMBERS = itertools.count()  # of the nodes of the handles, each of which has its own name
-Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ended
+Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ends
 
 
 class MicrophonePicker:

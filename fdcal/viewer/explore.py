@@ -1,8 +1,8 @@
 """The layout Explore: a bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
 
-A browser opens with it; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`), so that
-a lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the controls of
-the panels (`Binding.commands`).
+A browser opens with this layout; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`),
+so that a lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the
+controls of the panels (`Binding.commands`).
 
 Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for
 uploads, and are kept in a private temporary folder until the server ends. The page accepts files only if no other
@@ -44,21 +44,20 @@ from .tabs.view import KINDS
 MAX_BYTES = 500_000_000  # largest size of all files that a page accepts
 MAX_FILES, MAX_NAME = 1000, 100  # largest number of files of one request, and of characters of a name
 NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
-RECORDING, LIST = "recording", "positions"  # purpose of a file, as the fields of the form are called
+RECORDING, LIST = "recording", "positions"  # purpose of a file: name of its field in the form
 SOURCES = "auto", "impulse", "stationary"
 FORM = Path(__file__).with_name("own_files.html")
 
 
 @dataclass
 class Delivered:
-    """The files of one browser, with their purposes; `uploaded` shows the browser how many bytes have
-    arrived."""
+    """The files of one browser, with their purposes; `uploaded` shows it how many bytes have arrived."""
 
     folder: Path
     uploaded: viser.GuiHtmlHandle
     files: list[tuple[str, Path]] = field(default_factory=list)
     open: BinaryIO | None = None
-    count: int = 0  # bytes
+    count: int = 0  # bytes that have arrived
 
 
 class OwnFiles:
@@ -142,7 +141,7 @@ class OwnFiles:
         report = f"<pre>{escape(latest.result or '')}</pre>" if latest is not None else ""
         report += html.complaint(self._complaint or (html.error_message(latest.error) if latest is not None else ""))
         report = "<p>Reading ...</p>" if self.worker.busy else report
-        report = re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # names as the user knows them
+        report = re.sub(rf"{re.escape(self._folder.name)}/\w+/\w+/", "", report)  # file names as the user knows them
         parts = {"LIMIT": str(MAX_BYTES), "MEGABYTES": str(MAX_BYTES // 1_000_000), "REPORT": report}
         return filled(FORM.read_text(encoding="utf-8"), parts)
 
@@ -171,16 +170,16 @@ class OwnFiles:
 
 
 THUMB = 44  # pixels, of the drawing of a scene
-MARGIN = 5  # pixels, at its edges
-DOT = 8.5  # pixels, radius of a microphone, times the square root of their number
-CURVE_POINTS, CURVE_HEIGHT = 120, 20  # greatest number of points, and height, of the curve along a run
+MARGIN = 5  # pixels, at the edges of the drawing
+DOT = 8.5  # radius of a microphone, pixels, times the square root of the number of microphones
+CURVE_POINTS, CURVE_HEIGHT = 120, 20  # largest number of points, and height, of the curve along a run
 LECTURE = "Lecture mode: larger type, no panels (key H)"
-SHARED = ("Replay (HTML)", PICTURE)  # kinds of file
-LINK = "The address of this page opens the same view for whoever has the same scene or file: copy it."
+SHARED = ("Replay (HTML)", PICTURE)  # kinds of file in the sheet Share
+LINK = "Copy the address of this page: it opens the same view for anyone who has the same scene or file."
 INVITATION = "Drag the red ball away, and let it go."
 PLAY, PAUSE = "&#9654; Play", "&#10074;&#10074; Pause"
 ONE, ALL = "One at a time (the paper)", "All together"  # methods
-NEW_RUN, NEEDED = "Begins a new run with this method", "too few are known"
+NEW_RUN, NEEDED = "Begins a new run with this method", "needs more known microphones"
 
 
 def drawing(points: np.ndarray) -> str:
@@ -224,7 +223,7 @@ def thumbnail(name: str) -> tuple[str, str]:
 
 
 def _slider(binding: Binding, command: str, label: str) -> str:
-    """Return a slider with range and value of the one in the panels."""
+    """Return a slider with the range and the value of the corresponding slider in the panels."""
     handle = binding.commands[command][0]
     disabled = " disabled" if handle.disabled else ""
     return (
@@ -288,7 +287,7 @@ class Explore:
         if not running and not state.finished:
             n = state.next_microphone(viewer.run.problem)
             one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
-            step = one or "Move all microphones a step"
+            step = one or "Move all microphones by one step"
         # a map may not have all frequencies that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))

@@ -1,6 +1,6 @@
 // The opening: modes are added to a map with many minima until one is left, and a microphone rolls into it. Each browser
-// plays it for itself, from data in the page (`fdcal.viewer.opening`), before and without any message of the server; any
-// touch ends it. Its last picture stays until the map of the session is drawn, if there is one.
+// plays it independently, from data in the page (`fdcal.viewer.opening`) and without messages of the server. A touch or a
+// key ends it. Its last picture stays until the map of the session, if there is one, is drawn.
 //
 // Three canvases: shadow and ground below, the relief in WebGL, marks and texts above. Lengths are metres, y is up in the
 // map; colours follow the browser's preference.
@@ -15,7 +15,7 @@ const [below, relief, above] = root.querySelectorAll("canvas"), [words, detail, 
 const gl = relief.getContext("webgl2", {antialias: true, alpha: true, premultipliedAlpha: true});
 if (!gl || document.documentElement.hasAttribute("data-linked")) { root.remove(); return; }
 
-// --- vectors, and the camera that fills what the margins leave with the box, as fdcal.graphics.camera does
+// --- vectors, and the camera for which the box fills the space within the margins, as in fdcal.graphics.camera
 
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2], cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]), unit = a => a.map(v => v / Math.hypot(...a));
@@ -71,7 +71,7 @@ function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
   return (1 - v + j) * ((1 - u + i) * mixed[at] + (u - i) * mixed[at + 1]) + (v - j) * ((1 - u + i) * mixed[at + n] + (u - i) * mixed[at + n + 1]);
 }
-// A mark rests on the highest point within its radius, so that a ball rests on the rim of a valley that is too narrow.
+// A mark rests on the highest point within its radius; over a valley that is too narrow, a ball rests on the rim.
 function on([x, y], radius) {
   const around = [-radius, 0, radius];
   return [x, y, height * Math.max(...around.flatMap(a => around.map(b => level(x + a, y + b))))];
@@ -157,7 +157,7 @@ function drawRelief(camera) {
 
 // --- below: the shadow; above: marks and texts
 
-// Of the table of fdcal/graphics/marks.py: reach and width in radii of a marker. A known microphone is a ring around a disc.
+// From the table of fdcal/graphics/marks.py: reach and width in radii of a marker. A known microphone is a disc in a ring.
 const marks = data.marks, ringEdges = [1, -1].map(side => marks.true.reach + side * marks.true.width / 2);
 const knownRings = [[ringEdges[0] + marks.true.halo / 2, "#fff"], [ringEdges[0], marks.true.colour], [ringEdges[1], "#fff"], [marks.known.reach * Math.SQRT2, marks.known.colour]];
 const theme = () => data.themes[dark.matches ? 1 : 0], css = colour => `rgb(${colour.join()})`;
@@ -259,7 +259,7 @@ function draw(time) {
     words.textContent = now.words;
     detail.textContent = data.about;
     detail.style.visibility = now.over ? "hidden" : "";  // hidden text keeps its space, so that the button does not move
-    button.textContent = now.over ? "Now you" : "Skip";
+    button.textContent = now.over ? "Your turn" : "Skip";
     button.className = now.over ? "first" : "";
   }
   if (key == drawnKey || !wide || !tall) return;
@@ -272,7 +272,7 @@ function draw(time) {
   drawRelief(camera);
   drawMarks(camera, now);
 }
-// While the browser is busy, for example with loading the page, the film waits and skips nothing.
+// While the browser is busy, for example with loading the page, the film waits instead of skipping pictures.
 function play(time) {
   if (!root.isConnected) return;
   if (!held) {

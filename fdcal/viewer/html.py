@@ -95,7 +95,7 @@ def status(
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = words.error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
-    if error and left_out:  # this word replaces the other one, since another line would move the buttons
+    if error and left_out:  # one word replaces another, because an additional line would move the buttons
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
     kept = state.best_positions is not state.positions  # while the run tries another start
@@ -103,7 +103,7 @@ def status(
     verdict = [] if found is None else [found.verdict]
     cost = words.cost_words(view.cost, state.channels is not None)
     rows = {
-        "Progress": f"step {state.step}, " + ("the best start is kept" if kept else f"sweep {state.sweep}"),
+        "Progress": f"step {state.step}, " + ("the best start so far is kept" if kept else f"sweep {state.sweep}"),
         "In use": f"{words.count_label(measurement, used)}, {words.band_label(measurement, used)}",
         error: f"<b>{mean}</b>"
         + (f"{comma}<span style='white-space: nowrap'>{largest}</span>" if largest else "")
@@ -149,12 +149,12 @@ def verdict_html(found: Assessment | None, pending: bool = False) -> str:
 
 
 def drawings_html(marks: dict[str, str]) -> str:
-    """Return drawings of EDGE by EDGE pixels, whose size follows the text, each with its name."""
+    """Return SVG drawings, each beside its name and in the size of the text; `marks`: contents by their names."""
     spans = (f"<span><svg viewBox='0 0 {EDGE} {EDGE}'>{mark}</svg> {name}</span>" for name, mark in marks.items())
     return f"<div class='fdcal-marks' style='{CARD}'>{''.join(spans)}</div>"
 
 
-# Words of Explore for those of Expert.
+# Words of the layout Explore for words of the layout Expert.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison",
     "negative log-likelihood above its lowest": "misfit", "negative log-likelihood": "misfit",
@@ -162,7 +162,7 @@ EXPLORE = {
 
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
-    """Return the legend on the canvas: how to read the map, its colour bar, if it has one, and the marks drawn."""
+    """Return the legend on the canvas: `hint`, how to read the map; its colour bar, if any; and the marks drawn."""
     explore = re.compile("|".join(map(re.escape, EXPLORE)))
 
     def for_both_layouts(text: str) -> str:
@@ -203,7 +203,7 @@ def of_browsers(act: Callable[[Any], object]) -> Callable[[Any], Coroutine[Any, 
 
 
 class Overlay:
-    """Owns the hidden controls, and knows what each command does.
+    """Owns the hidden controls, and maps each command to its effect.
 
     `wake`: makes the main loop update the page at once; `acts`: what is called with client and value for each command,
     on viser's event loop.
@@ -214,7 +214,7 @@ class Overlay:
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self.acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
-        self.start = secrets.token_hex(8)  # names this server: a browser that meets another one drops its address
+        self.start = secrets.token_hex(8)  # of this start: a browser that meets another one drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
         self.channel.on_update(of_browsers(lambda event: self.receive(event.client, event.target.value)))
 

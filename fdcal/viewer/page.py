@@ -1,8 +1,8 @@
-"""The page and its main loop, which last while sessions replace each other.
+"""The page and its main loop, which continue when one session replaces another.
 
 `Page.open(request)` shows another session; tabs, lessons and links call it. The present session keeps running until
-the next one is ready (`SessionSwitcher`). If that cannot be opened, the panels give the reason in one line. Otherwise
-its controls replace the old ones. Browsers stay connected, and the chosen tabs stay chosen.
+the next one is ready (`SessionSwitcher`). If the next one cannot be opened, the panels give the reason in one line.
+Otherwise its controls replace the old ones. Browsers stay connected, and the chosen tabs stay chosen.
 
 `AddressBar` keeps the view in the page's address after #: a link opens the same view (`fdcal.model.address`). In a
 lesson the page writes lesson and part, which determine everything else. Otherwise it writes scene, method, step,
@@ -39,11 +39,11 @@ from .session_view import Viewer
 from .tabs.lessons import LessonsTab, apply_setting, plain_choices
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
-COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
+COMPILING = "Finishing a compilation; press Ctrl-C again to exit without waiting ..."
 RATE = 25.0  # checks for changes, and updates of the screen, per second
 IDLE_RATE = 5.0  # the same after some time without a change; users and the solver wake the loop at once
 MAX_RATE = 50.0  # updates per second while the loop is woken
-SETTLING = 5.0  # s of updates after the last change, longer than the delay of any update
+SETTLING = 5.0  # s for which updates continue after the last change; longer than the delay of any update
 CANVAS_INTERVAL = 1.0  # s between two checks of the sizes of all canvases
 RELEASE_DELAY = 1.5  # s from the end of a session to the release of its memory; its threads end meanwhile
 
@@ -124,7 +124,7 @@ class Page:
                 idle_from = now + SETTLING
             if now < idle_from:
                 self.tick(now)
-            if now - self._checked > CANVAS_INTERVAL:  # canvases change their sizes without notice
+            if now - self._checked > CANVAS_INTERVAL:  # a canvas may change its size without a message
                 self._checked = now
                 self.nodes.cameras.follow_all(self.server.get_clients().values())
             next_check = max(next_check + 1 / (RATE if now < idle_from else IDLE_RATE), time.perf_counter())
@@ -177,7 +177,7 @@ class Page:
             release_memory(self.server)
 
     def _replace_session(self, prepared: Preparation) -> None:
-        """Show a new session in place of the old one, which stays where the new one cannot be shown."""
+        """Show a new session in place of the old one; if that is not possible, the old one stays."""
         old, run = self.viewer, prepared.run
         assert run is not None
         try:
@@ -210,7 +210,7 @@ class Page:
         self._call(prepared.then, new)
 
     def _report_progress(self, text: str | None = None) -> None:
-        """Report the progress of the first session, or `text`, where it has changed."""
+        """Report the progress of the first session, or `text`, if it has changed."""
         current = self.switcher.current
         text = text if text is not None else "" if current is None else current.text
         if text != self._progress:
@@ -232,18 +232,18 @@ class Page:
             shut_down_threads()
 
 
-MAX_MODES_TEXT = 60  # characters of the modes of a map: a command with the camera has no room for more
+MAX_MODES_TEXT = 60  # characters of the modes in an address; with more, a command with the camera would be too long
 
 
 def camera_of(address: Mapping[str, str]) -> Camera | None:
-    """Return the camera in an address; None if there is none; InputError for a camera without a direction."""
+    """Return the camera in an address, None if there is none; InputError for a camera that is not possible."""
     text = address.get("view", "")
     if text.count(",") < 9:
         return None
     x, y, z, u, v, w, a, b, c, fov = numbers = [float(number) for number in text.split(",")]
     aims = math.dist((x, y, z), (u, v, w)) > MIN_LENGTH and math.hypot(a, b, c) > MIN_LENGTH and 0 < fov < math.pi
     if not aims or max(map(abs, numbers)) > MAX_COORDINATE:
-        raise InputError(f'the address has "view={text}", which looks at nothing', "leave it out", key="view")
+        raise InputError(f'the address has "view={text}", which is not a possible camera', "leave it out", key="view")
     return Camera((x, y, z), (u, v, w), (a, b, c), fov, 1.0)
 
 
@@ -265,7 +265,7 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
 
 
 class AddressBar:
-    """Opens links, and keeps the addresses of all browsers up to date; all but `show` runs on viser's event loop."""
+    """Opens links, and updates the addresses of all browsers; all methods but `show` run on viser's event loop."""
 
     def __init__(self, page: Page, lessons: LessonsTab):
         self._page, self._lessons = page, lessons
@@ -273,7 +273,7 @@ class AddressBar:
         page.panels.overlay.acts["open"] = lambda client, text: self.open(client, parse_address(text))
 
     def open(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
-        """Show what a link names, in the browser that has followed it and all others.
+        """Show what a link names, in the browser that has followed it and in all others.
 
         InputError if there is no such scene, lesson, microphone or mode.
         """
@@ -290,7 +290,7 @@ class AddressBar:
             part = int(asked.get("part", "1").partition(",")[0])
             try:
                 lessons.open(lesson, part, lambda: self._set(client, asked))
-            except InputError as error:  # in the status line, too: the film of the opening covers a notification
+            except InputError as error:  # shown in the status line, too: the film covers a notification
                 self._page.switcher.error = error
                 raise
             return

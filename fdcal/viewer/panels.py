@@ -1,9 +1,9 @@
 """The panels of the layout Expert: their tabs, which last as long as the server, and the controls of a session.
 
 Since the tabs stay, a user who looks at a tab while another scene is opened sees the same tab afterwards. `Tabs` makes
-the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. At the top is the
-progress of a session that is prepared. `RunBar` and `SolverTab`, which run and configure the solver, are between it and
-the tabs.
+the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. From top to bottom a
+panel has the progress of a session that is being prepared, `RunBar` and `SolverTab`, which run and configure the
+solver, and the tabs.
 """
 
 import pkgutil
@@ -37,9 +37,9 @@ RIGHT, LEFT = ("Curves", "Scene", "View", "Help"), ("Map", "Mics")
 class Panels:
     """Owns the main panel on the right, the panel on the left, and their tabs, which the layout Explore hides.
 
-    `line`, `bar`, `button`: progress of the session that is prepared, or why it was refused, and Cancel; `tabs`: of
-    both panels by name, and RUN_BAR, the folder above the tabs; `overlay`: regions on the canvas; `wake`: makes the
-    main loop update the page at once; `cancel`: cancels the session that is prepared.
+    `line`, `bar`, `button`: progress of the session that is being prepared, or why it was refused, and Cancel; `tabs`:
+    the tabs of both panels by name, and under RUN_BAR the folder above the tabs; `overlay`: regions on the canvas;
+    `wake`: makes the main loop update the page at once; `cancel`: cancels the session that is being prepared.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Panels:
         self.button.on_click(html.of_browsers(lambda event: cancel()))
 
     def show_progress(self, current: Preparation | None, error: Exception | None, first: bool) -> None:
-        """Show the session that is prepared, or the error of the last request; called by the main loop.
+        """Show the progress of a session being prepared, or the error of the last request; called by the main loop.
 
         `first`: whether no session has been shown yet, so that Cancel is impossible.
         """
@@ -79,9 +79,9 @@ class Panels:
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
 
 
-# Shortcuts, which do what buttons do. Each is also in the browser's palette of commands, Ctrl+K. viser moves the camera
+# Shortcuts for commands of buttons. Each is also in the page's list of commands, Ctrl+K. viser moves the camera
 # with W, A, S, D, Q, E and the arrows, so none of them is used here. A key does nothing while a text is typed.
-KEYS = {  # by the name of the key: what it does, and the command of a control or of the page
+KEYS = {  # for the name of each key: what the key does, and the command of a control or of the page
     "R": ("Play or pause", "play"),
     "N": ("One step", "step=Step"),
     "G": ("One sweep", "step=Sweep"),
@@ -92,14 +92,14 @@ KEYS = {  # by the name of the key: what it does, and the command of a control o
     "M": ("Map of the next microphone", "microphone=+1"),
     "Shift+M": ("Map of the previous microphone", "microphone=-1"),
     "O": ("One more frequency in the map", "modes=+1"),
-    "I": ("One frequency less in the map", "modes=-1"),
+    "I": ("One frequency fewer in the map", "modes=-1"),
     "P": ("Add frequencies one by one, or stop", "sweep"),
     "U": ("Map of the frequencies in use", "map_modes=solver"),
-    "V": ("Flat map, relief, mode shape, isosurfaces, no map", "kind=+1"),
+    "V": ("Next kind of map: flat, relief, mode shape, isosurfaces, none", "kind=+1"),
     "L": ("Logarithmic or linear scale", "scale=+1"),
     "Y": ("Trails", "trails"),
     "K": ("Dark or light page", "dark_page"),
-    "H": ("Lecture mode: large type, panels folded away", "lecture"),
+    "H": ("Lecture mode: large type, no panels", "lecture"),
     "1": ("Plan view", "look=Top"),
     "2": ("Whole room", "look=Room"),
     "3": ("3-D view of the array", "look=3-D"),
@@ -127,9 +127,9 @@ def help_html() -> str:
     return filled(Path(__file__).with_name("help.html").read_text(encoding="utf-8"), parts)
 
 
-MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
-# Steps per second at the beginning of a run, slow enough to follow it: of a method that moves all microphones, in a
-# lesson and otherwise, and of one that moves one microphone at a time.
+MAX_RATE = 60  # steps per second at the end of the slider, where it means no limit
+# Steps per second at the beginning of a run, slow enough to follow it: for a method that moves all microphones, in a
+# lesson and otherwise, and for a method that moves one microphone at a time.
 LESSON_RATE, WATCHED_RATE, WATCHED_MOVES = 1, 5, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
@@ -146,9 +146,9 @@ class RunBar(Tab):
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         self._lesson = False  # whether a lesson is shown: each of its runs begins slowly
-        self._since, self._paced = -1.0, float(self._rate)  # when the run began, s, or below 0; its steps per second
+        self._since, self._paced = -1.0, float(self._rate)  # start of the run, s, or below 0; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
-        hint = "Run until paused; from the start where it has ended"
+        hint = "Run until paused; a run that has ended restarts"
         run = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint=hint)
         self.run = binding.on(run, lambda _: self.toggle(), command="play")
         hint = (
@@ -162,12 +162,12 @@ class RunBar(Tab):
         )  # fmt: skip
         self.speed = binding.slider(
             "Steps per second", 1, MAX_RATE, 1, self._rate, self.limit_rate,
-            hint=f"Of Play; {MAX_RATE}: as fast as the machine can",
+            hint=f"Speed of Play; {MAX_RATE}: as fast as possible",
         )  # fmt: skip
 
     @property
     def _rate(self) -> int:
-        """Steps per second with which a run begins, MAX_RATE for no limit."""
+        """Steps per second at the beginning of a run, MAX_RATE for no limit."""
         watched = LESSON_RATE if self._lesson else WATCHED_RATE
         usual = watched if self._binding.run.solver.TRAITS.moves_all else WATCHED_MOVES
         return self._binding.choices.rate or usual
@@ -184,7 +184,7 @@ class RunBar(Tab):
         self.refresh()
 
     def refresh(self) -> None:
-        """Give the solver the speed with which a run begins."""
+        """Set the speed of the solver to that at the beginning of a run."""
         self._since = -1.0
         self._paced = 0 if self._rate == MAX_RATE else self._rate
         self._binding.session.pace(self._paced)
@@ -201,7 +201,7 @@ class RunBar(Tab):
         session.play()
 
     def hurry(self) -> None:
-        """Continue the run as fast as the machine can."""
+        """Continue the run as fast as possible."""
         self._since = 0.0
         self._binding.session.play()
 
@@ -264,7 +264,7 @@ class SolverTab(Tab):
         searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
         traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
         names = tuple(name for name, one in traits.items() if searchable or not one.needs_search)  # that can solve it
-        # of each method, unless another one is given
+        # the start of each method, unless another one is given
         self._starts = {name: one.starts[0] if one.starts else STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
             self.first = binding.slider(
@@ -293,10 +293,10 @@ class SolverTab(Tab):
                 "Start", STARTS, settings.start or self._starts[settings.name], lambda _: self.refresh(),
                 hint="affine: closed-form estimate from the lowest frequencies; random: anywhere in the search domain",
             )  # fmt: skip
-            hint = "Of the random start, and of the order in which descent moves the microphones"
+            hint = "Seed of the random start, and of the order in which descent moves the microphones"
             seed = binding.gui.add_number("Seed", binding.choices.seed, min=0, max=MAX_SEED, step=1, hint=hint)
             self.seed = binding.on(seed, lambda value: binding.choose(seed=value))
-            binding.gui.add_html(html.remark("Frequencies and method apply at once, start and seed with Restart."))
+            binding.gui.add_html(html.remark("Start and seed take effect with Restart, the others at once."))
         self.refresh()
 
     def _choose_method(self, name: str) -> None:
@@ -343,10 +343,8 @@ class SolverTab(Tab):
 class Tabs:
     """The run bar and the tabs of one session, of this module and those in `tabs`.
 
-    They are in the order in which they are made: a later one may use an earlier one.
-
-    Each is an attribute, and they are in the list `parts`. `place`: function that moves the camera of one browser
-    to a view.
+    Each is an attribute. The list `parts` has them in the order in which they are made, because a later one may use an
+    earlier one. `place`: function that moves the camera of one browser to a view.
     """
 
     run_bar: RunBar
@@ -381,13 +379,13 @@ class Tabs:
             self._raised = "volume" if "volume" in self.map.kinds else "relief"
             self.map.show_as(self._raised)
         elif view == "top":
-            if kind == self._raised:  # otherwise another kind was chosen in between
+            if kind == self._raised:  # else another kind was chosen in between
                 self.map.show_as("flat")
             self._raised = ""
         self._place(client, view)
 
     def follow_solver(self) -> None:
-        """Show the map of what the next step minimises: on another one a run would look wrong.
+        """Show the map of the cost that the next step minimises, because a run would look wrong on another map.
 
         A method that moves a microphone to the lowest place of its map uses the modes of the map, if these are
         consecutive.

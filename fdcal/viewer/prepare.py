@@ -1,4 +1,4 @@
-"""From a request for a scene to a session that can be shown, on a thread that can be cancelled.
+"""The preparation of a session that a request asks for, on a thread whose work can be cancelled.
 
 PreparedRun       a scene, its measurement and its session
 DisplayFrame      the frame in which the page draws the states of a session
@@ -65,18 +65,20 @@ class PreparedRun:
         return OpenRequest(scene, seed, self.measurement, view.history, view.index, choices)
 
 
-ROUNDS = 100  # at most, until a placed microphone is drawn where it was placed
-NEGLIGIBLE = 1e-12  # m
+ROUNDS = 100  # largest number of iterations until a placed microphone is drawn where it was placed
+NEGLIGIBLE = 1e-12  # change of the position that ends the iterations, m
 
 
 class DisplayFrame:
     """Moves positions (N, D), metres, into the frame in which the page draws, and back.
 
-    This is the frame of the true positions, which therefore do not move during a run. The pressures determine a blind
-    array only up to a rigid motion and a mirror image. Each of its states is moved as a whole onto the true positions
-    before it is drawn, and a position that a user gives is moved back for the session. Other arrays are not moved.
+    The page draws in the frame of the true positions, which therefore do not move during a run. The pressures determine
+    a blind array, one without known microphones, only up to a rigid motion and a mirror image. Each of its states is
+    moved as a whole onto the true positions before it is drawn, and a position that a user gives is moved back for the
+    session. Other arrays are not moved.
 
-    `by` are the microphones that determine the motion: all at first, later those whose errors are averaged.
+    `by` are the numbers of the microphones that determine the motion: all at first, later those whose errors are
+    averaged.
     """
 
     def __init__(self, run: PreparedRun):
@@ -108,8 +110,8 @@ class DisplayFrame:
     def placed(self, positions: Any, microphone: int, place: Any) -> np.ndarray:
         """Return the position in the session of a microphone that the page is to draw at `place`.
 
-        `positions` are those of the session's state; `place` has the first coordinates or all of them. The array turns
-        a little if a microphone moves, so that the position is found by iteration.
+        `positions`: those of the session's state; `place`: the first coordinates or all of them, metres. The position
+        is found by iteration, because the motion of the array changes a little if one microphone moves.
         """
         place = np.asarray(place, float)
         if self._anchor is None:
@@ -128,14 +130,14 @@ class DisplayFrame:
 
 
 SIMULATING, READING = "Simulating the room", "Reading the measurement"
-Then = Callable[[Any], object]  # gets the Viewer of a session when it is shown, None if it never will be
+Then = Callable[[Any], object]  # gets the Viewer of a session when it is shown, or None if it will not be shown
 
 
 class Preparation:
     """The preparation of a run for a request; its thread writes the attributes, and the main loop reads them.
 
-    `task` is in progress, and `progress`, 0 to 1, is that of the task; `measurement` is None at first; `compiling`:
-    whether a function is being compiled, which nothing can interrupt; at the end `done` is set, and `run` or `error`.
+    `task`: the task in progress, in words; `progress`: its progress, 0 to 1; `measurement`: None at first; `compiling`:
+    whether a function is being compiled, which nothing can interrupt. At the end `done` is set, and `run` or `error`.
     """
 
     def __init__(self, request: OpenRequest, then: Then = lambda viewer: None):
@@ -195,7 +197,7 @@ class Preparation:
                 truth = source.positions if measurement.blind else None
                 source = replace(source, search=search_around(opening.states[-1].positions, truth=truth))
             else:
-                self.task = "Estimating the positions, for a search domain"
+                self.task = "Estimating the positions to define a search domain"
                 source = with_estimated_domain(source, scene.solver, opening.seed, self)
                 self(1.0)
             self.measurement = measurement = as_given(scene, source)
@@ -210,9 +212,9 @@ class Preparation:
         settings, reference_cost = solvers.with_mode_count(problem, scene.solver), reference_cost_of(problem)
         cost = None if reference_cost is None else reference_cost.of
         session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
-        try:  # a map, and a step on the lattice, make what later ones use, so that the first click is answered at once
+        try:  # a first map and a first step prepare what later ones use, so that the first click is answered at once
             state = session.view.history[0]
-            if solver.TRAITS.needs_search or opening.states:  # a step also shows that the solver can continue
+            if solver.TRAITS.needs_search or opening.states:  # the step also checks that the solver can continue
                 solver.step(problem, state)
             if problem.search is not None:
                 solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
@@ -226,7 +228,7 @@ class Preparation:
             session.play()
         search, truth = measurement.search, measurement.positions
         if search is not None and truth is not None and measurement.blind:
-            # Only the maps need this domain; a blind array is solved without one.
+            # Only maps need this domain; the solver finds an array without known microphones without it.
             search = search_around(session.view.history[0].positions, search, truth)
             measurement, problem = replace(measurement, search=search), replace(problem, search=search)
         return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost)
@@ -287,7 +289,7 @@ class SessionSwitcher:
         return None if finished.run is None else finished
 
     def refuse(self, preparation: Preparation, error: Exception | None = None) -> None:
-        """Refuse a request because of its own or another error; log an exception that is not the user's."""
+        """Refuse a request because of its own error or `error`; log an exception that the user did not cause."""
         self.error = error or preparation.error
         if self.error is not None and not isinstance(self.error, (InputError, StorageError)):
             log.error("a request could not be opened", exc_info=self.error)
@@ -296,8 +298,8 @@ class SessionSwitcher:
     def close(self, timeout: float = 1.0) -> None:
         """End the thread, and the session that is not shown; wait at most `timeout`, s, longer for a compilation.
 
-        A compilation that continues may crash the interpreter at its exit. A simulation that continues does no harm,
-        since files of the cache are moved to their place when they are complete.
+        A compilation that continued could crash the interpreter at its exit. A simulation may continue, because files
+        of the cache are moved to their place only when they are complete.
         """
         self._begin(None)
         self._worker.close(COMPILE_TIMEOUT if self.compiling else timeout)

@@ -1,12 +1,12 @@
 """The scene: its nodes and texts, of which only changes are sent, and the camera of each page.
 
-A camera is placed so that the picture fills the space that the panels leave, and kept there. viser replaces its copy of
-a page's camera whenever the page reports it, even between two of our own commands. It does not send a value that equals
-the last command, although another command may have been sent before it, so that sometimes a page has a new position and
-an old direction. A camera therefore counts as placed only when the page has reported the camera that was commanded.
+A camera is placed so that the picture fills the space that the panels leave, and is placed again when this space
+changes. viser replaces its copy of a page's camera whenever the page reports it, even between two of our commands.
+viser does not send a value that equals its copy, so that a page may have a new position and an old direction. A camera
+therefore counts as placed only when the page has reported the camera that was commanded.
 
-viser draws a text in black on a white box, in a size that depends on the room. `server/page.js` draws it in the font of
-the page, outlined, and leaves out texts that would overlap one of higher priority.
+viser would draw a text in black on a white box, in a size that depends on the room. `server/page.js` draws texts in the
+font of the page, outlined, and leaves out texts that would overlap one of higher priority.
 """
 
 import collections
@@ -36,8 +36,8 @@ from .server import content
 if TYPE_CHECKING:
     import trimesh
 
-TOLERANCE = 1e-3  # relative, of camera positions that count as equal
-AIM_TOLERANCE = 4e-6  # of its distance: how far from its target a page's camera may aim
+TOLERANCE = 1e-3  # relative difference up to which camera positions count as equal
+AIM_TOLERANCE = 4e-6  # how far beside its target a page's camera may aim, over its distance
 DEPTH_RANGE = 40.0  # objects are drawn at distances from 1 / 40 of the target's distance to 40 times it
 MAX_PIXELS = 16384  # largest width or height of a canvas
 
@@ -50,8 +50,8 @@ class PageCamera:
     view: str = "top"  # the last view that was commanded, one of graphics.camera.VIEWS; "" for a `Camera`
     fitted: tuple = ()  # the result of `Cameras._fitted` at that time
     camera: Camera | None = None  # the camera that was commanded, or None
-    positions: tuple[tuple[float, float, float], ...] = ()  # its last positions, metres
-    checks: int = 0  # number of checks of the page since its camera was placed
+    positions: tuple[tuple[float, float, float], ...] = ()  # the last positions at which it was placed, metres
+    checks: int = 0  # number of checks of the canvas since the camera was placed
 
 
 def planes(wanted: Camera) -> tuple[float, float]:
@@ -75,21 +75,21 @@ def is_at(camera, wanted: Camera) -> bool:
 
 log = logging.getLogger(__name__)
 
-TOP_FOV = 0.02  # rad, of the top view, which is so far away that a relief is drawn over its axes, as on a plan
+TOP_FOV = 0.02  # rad; the eye of the top view is so far away that the view is almost a parallel projection
 CHECKS = (1, 2, 4, 8, 16)  # numbers of the checks at which the page is made to report the size of its canvas again
 VISER_START = (3.0, 3.0, 3.0)  # metres, position of viser's own camera, before a page gets ours
-USUAL_CANVAS = (680, 720)  # pixels, width and height until a page has reported its own
+USUAL_CANVAS = (680, 720)  # pixels, assumed width and height until a page has reported its own
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
 MARGINS = (76, 234, 34, 40)  # pixels left, bottom, right and top of the search domain, for rulers, legend and bar
 LECTURE_MARGINS = (110, 350, 60, 50)  # the same in larger type
-CAPTION, LECTURE_CAPTION = 350, 486  # pixels, of the width of a caption
-WIDE = 900  # pixels, of a canvas that has a caption at its right
+CAPTION, LECTURE_CAPTION = 350, 486  # width of a caption, pixels, and in lecture mode
+WIDE = 900  # least width, pixels, of a canvas that has a caption at its right
 # Least width, pixels, and ratio of width to height of a canvas whose legend is beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
 BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 152, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
-PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
+PHONE_WIDTH = 440  # largest width of the canvas of a telephone, pixels
 PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # fraction of the height of its canvas that a panel or a caption covers
 PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top on a telephone
 # Height, pixels, of legend and rulers above a panel, and of the buttons at the top.
@@ -101,8 +101,8 @@ class Cameras:
     """Places the cameras of the pages."""
 
     _server: viser.ViserServer
-    picture: Picture | None = None  # on the screen
-    view: str = "top"  # of a page that opens, one of graphics.camera.VIEWS
+    picture: Picture | None = None  # the picture on the screen
+    view: str = "top"  # view in which a page opens, one of graphics.camera.VIEWS
     # whether larger type, and the caption of a lesson, need space beside the picture
     lecture: bool = False
     caption: bool = False
@@ -131,7 +131,7 @@ class Cameras:
         self.request(client)
 
     def process_requests(self, clients) -> None:
-        """Carry out the requests of the `clients` that are still connected; called by the main loop alone."""
+        """Carry out the requests of clients that are still connected, `clients`; only the main loop calls this."""
         while self.requests:
             client, view = self.requests.popleft()
             if client in clients:
@@ -158,7 +158,7 @@ class Cameras:
         return kept
 
     def _fitted(self, page: PageCamera, camera, view: str) -> tuple:
-        """Return what the placement of a camera depends on: canvas, type, caption, panels, and the height of a map.
+        """Return what the placement of a camera depends on: canvas, size of type, caption, panels, height of a relief.
 
         The height of a relief matters in views from the side only; it is rounded to a centimetre.
         """
@@ -196,7 +196,7 @@ class Cameras:
 
     @contextlib.contextmanager
     def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
-        """Catch an exception that a page's camera causes, so that it does not reach the main loop."""
+        """Catch an exception that a page's camera causes, so that the main loop continues."""
         try:
             yield
         except Exception:
@@ -206,8 +206,8 @@ class Cameras:
     def follow(self, client: viser.ClientHandle, check: int | None = None) -> None:
         """Place the camera again if the size of the canvas has changed and the user has not moved the camera.
 
-        A camera that is at one of its earlier positions was not moved by the user: either the report is old, or the
-        page has received its start late and gone back to it. Before that it reports the start of viser.
+        A camera at one of its earlier positions was not moved by the user: either the report is old, or the page has
+        received its initial position late and has returned to it. Before that, a page reports viser's initial position.
 
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
@@ -232,7 +232,7 @@ class Cameras:
                 self.follow(client, CHECKS.index(page.checks) if page.checks in CHECKS else None)
 
     def set_initial(self, picture: Picture) -> None:
-        """Set the camera of a page that opens, until the size of its canvas is known, to `view` of a picture."""
+        """Set the camera that a new page has until the size of its canvas is known, to `view` of a picture."""
         fov = TOP_FOV if self.view == "top" else None
         first = self._server.initial_camera
         wanted = camera_for(picture, USUAL_CANVAS, self.view, MARGINS, fov=fov)
@@ -279,7 +279,7 @@ def relief_of(floor: Floor, heights: np.ndarray) -> "trimesh.Trimesh":
     grid = relief_grid(floor, heights)
     vertices = grid.reshape(-1, 3)
     u, v = (
-        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # else opposite edges mix
+        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # else the colours of opposite edges mix
         for places, low, size, count in zip(vertices.T[:2], floor.origin, floor.size, heights.shape[::-1], strict=True)
     )
     return textured(vertices, grid_faces(*grid.shape[:2]), np.column_stack([u, v]), floor.rgb)
@@ -319,11 +319,12 @@ class SceneNodes:
         self.parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._labels = server.gui.add_html(content("labels"), visible=False)
-        # Its x counts the changes of the texts: a page shows a text when it has drawn the scene that belongs to it.
+        # The x of this node counts the changes of the texts: a page shows new texts when it has drawn this node's new
+        # x.
         self._labelled = server.scene.add_frame("/labelled", show_axes=False)
         self._texts = ""
         self._numbers = itertools.count()
-        self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and node that another replaces
+        self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and the node that was replaced
         self.cameras = Cameras(server)
 
     def show(self, picture: Picture) -> None:
@@ -331,8 +332,8 @@ class SceneNodes:
         parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes)}
         parts |= {part.name: part for part in picture.surfaces}
         if picture.floor is not None:
-            # No node may have this name as a prefix: viser would move it, too. A page keeps the position of a node for
-            # the next node of the same name, so that a relief, which has no position, needs another name.
+            # No other node may have this name as a prefix, because viser would move it, too. A page keeps the position
+            # of a node for the next node of the same name; a relief has no position and needs another name.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
         self.cameras.picture = picture
         texts = labels_html(picture.labels, picture.theme)
@@ -351,10 +352,10 @@ class SceneNodes:
                 self._labels.content = content("labels", f"<i data-count='{count}'></i>{texts}")
 
     def remove_old(self, now: float | None = None) -> None:
-        """Remove old surfaces that nothing replaces, and others some time after new ones have replaced them.
+        """Remove old surfaces that nothing replaces, and the others some time after new ones have replaced them.
 
-        A page needs a moment to read a surface and would show none meanwhile. The main loop calls this at the time
-        `now`.
+        A page needs a moment to read a new surface, and would show none in this time. The main loop calls this at the
+        time `now`, s.
         """
         kept = []
         for name, since, handle in self._replaced:
@@ -406,12 +407,12 @@ class SceneNodes:
         return self._server.scene.add_mesh_trimesh(name, surface, cast_shadow=False, receive_shadow=False)
 
     # The method below shows a scene before the first session is ready. This module does not import the solvers, so that
-    # the page has a picture while these are loaded.
+    # the page can show a picture while they are loaded.
 
     def show_room(self, request: OpenRequest, measurement: Measurement | None = None) -> None:
         """Show the microphones of a request, and the room if it is known; nothing if it must be simulated first.
 
-        `measurement`: what was simulated for the request, if it was
+        `measurement`: the measurement that was simulated for the request, if it was simulated.
         """
         if measurement is None:
             cached = request.measurement or load_cached_measurement(request.scene)

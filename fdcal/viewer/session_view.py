@@ -41,8 +41,8 @@ def ellipses_of(
 ) -> np.ndarray | None:
     """Return the half axes of the 95 % ellipses at the end of a run; None before it, or if they are unknown.
 
-    `found` is the assessment of the state on the screen, or None; `frame` that in which the page draws the `positions`
-    of the state.
+    `found` is the assessment of the state on the screen, or None; `frame` is the frame in which the page draws the
+    `positions` of the state.
     """
     if found is None or not np.isfinite(found.covariance).all():
         return None
@@ -63,10 +63,10 @@ class VerdictWorker:
         self._worker = threads.worker(self._compute)
 
     def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
-        """Return the assessment of the shown state, whether it is still expected, and which microphones are averaged.
+        """Return the assessment of the shown state, whether it is still expected, and which errors are averaged.
 
-        The assessment is None before the end of a run. The last are the numbers of the microphones that are sought,
-        without those whose channels the last assessment of this run found faulty. `now`: time, s.
+        The assessment is None before the end of a run. The errors that are averaged are those of the microphones that
+        are sought, without those whose channels the last assessment of this run found faulty. `now`: time, s.
         """
         state = view.state
         if state is not self._state:
@@ -95,8 +95,8 @@ TRAIL_STATES = 200  # states over which a trail extends
 class SessionPicture:
     """Draws the states of a session.
 
-    `frame` is that in which the states are drawn; `places` (N, D) float64, metres, are the positions that were drawn
-    last; `ball` is the microphone that was drawn as a ball, or None.
+    `frame` is the frame in which the states are drawn; `places` (N, D) float64, metres, are the positions that were
+    drawn last; `ball` is the microphone that was drawn as a ball, or None.
     """
 
     def __init__(self, run: PreparedRun, frame: DisplayFrame):
@@ -123,7 +123,7 @@ class SessionPicture:
         relief = None if floor is None or floor.heights is None else floor  # on which the true microphones stand
         look = choices.dark, relief, choices.lecture
         static = self._static(lambda: pictures.static_picture(scene, measurement, *look), *look)
-        truth = measurement.positions  # onto which a blind array is moved
+        truth = measurement.positions  # an array without known microphones is moved onto them
         picture = pictures.with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
         picture = pictures.with_volume(pictures.with_floor(picture, floor), volume)
         if moving is not None and moving.microphone == microphone:
@@ -149,7 +149,7 @@ class SessionPicture:
         return picture
 
 
-LEVEL = 1.0  # dB, range of a map below which all positions fit about equally well
+LEVEL = 1.0  # dB; if the costs of a map differ by less, all positions fit about equally well
 RUN_INTERVAL = 0.15  # s, least time between two states that are shown while the solver runs
 MOVE_TIME = 0.8  # s for which the move of one microphone is drawn
 FAULT_TIME = 10.0  # s, least time for which an exception of the page stays in the status lines
@@ -158,7 +158,7 @@ log = logging.getLogger(__name__)
 
 
 class PageParts(Protocol):
-    """What a session, the lessons and Explore use of the page (`fdcal.viewer.page.Page`), which imports them."""
+    """The parts of the page (`fdcal.viewer.page.Page`) that a session, the lessons and Explore use."""
 
     server: viser.ViserServer
     nodes: SceneNodes
@@ -177,7 +177,7 @@ class Viewer:
     was shown before, or None. InputError if the request of the run has choices that are not possible.
 
     `view` has the states that are shown; `snapshot` is the state of the page on the screen; `drawn` keeps the picture
-    until something changes; `found` is the assessment of the state, or None; `wanted` is the map that belongs to the
+    until something changes; `found` is the assessment of the state, or None; `wanted` is the request for the map of the
     state, or None; `fault` is the last exception of the page, as long as the status lines show it.
     """
 
@@ -241,8 +241,8 @@ class Viewer:
         """Bring the screen up to date at the time `now`, s."""
         choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
         running = newest.running and self.view.running
-        stepped = newest.lineage is self.view.lineage  # otherwise a user has changed the state, which is shown at once
-        if not (running and stepped and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
+        stepped = newest.lineage is self.view.lineage  # else a user has changed the state, which is shown at once
+        if not (running and stepped and 0 < now - self._viewed < RUN_INTERVAL):  # leaves the solver processor time
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
         found, assessing, sought = self._verdict.of(newest, now)
@@ -295,10 +295,10 @@ class Viewer:
         if "(dB)" in picture.bar.label and picture.bar.high - picture.bar.low < LEVEL:
             return "The map is almost level: all positions fit this microphone's recording about equally well."
         low = "low and dark" if picture.floor is not None and picture.floor.heights is not None else "dark"
-        return f"Where the map is {low}, the recording of this microphone fits."
+        return f"Where the map is {low}, the position fits the recording of this microphone."
 
     def _move(self, view: SessionView, now: float) -> MovingMicrophone | None:
-        """Return the microphone that the last step has moved, on its way; None once it has arrived."""
+        """Return the microphone that the last step moved while it is drawn on its way; None once it has arrived."""
         if self._moved is None:
             return None
         (start, since), end, n = self._moved, np.asarray(view.state.positions)[view.state.moved], view.state.moved
@@ -314,8 +314,9 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.
 
-        If the map follows the solver, the microphone is the one that the next step moves, or the last one while its
-        move is drawn. While the solver runs, maps are slower than steps, and the microphone is that of the newest map.
+        If the map follows the solver, the microphone is the one that the next step moves or, while the move of the last
+        step is drawn, the one that this step moved. While the solver runs, maps are slower than steps, and the
+        microphone is that of the newest map.
         """
         following = choices.follow and view.running and choices.kind != "none"
         if not choices.follow:

@@ -1,7 +1,7 @@
 """The state of the page, and the controls that change it.
 
-`PageState` is what the page shows, `Choices` what its users have chosen. Both are frozen: events replace them. A
-session file holds the choices of `Choices.to_save`.
+`PageState` is what the page shows, and `Choices` is what its users have chosen. Both are frozen: events replace them. A
+session file contains the choices in `Choices.to_save`.
 
 `Binding` creates the controls of a session. A control, its bounds and its effect are declared together:
 `binding.slider("SNR (dB)", 1, 60, 1, 30, act)`. With `command="snr"` the bar of the layout Explore and the keys have
@@ -43,10 +43,10 @@ KEPT = "log minima trails ellipses lecture export_kind export_view export_size r
 class Choices(MapStyle):
     """The choices of the page's users; the modes in use and the positions are in the states of the session."""
 
-    microphone: int = 0  # whose map is shown, counted from 0
-    follow: bool = True  # whether the map is that of the microphone which the last step moved
-    modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
-    # added to ceil(k R) in the order of every mode of the map; at first as for the cost in the status
+    microphone: int = 0  # microphone whose map is shown, counted from 0
+    follow: bool = True  # whether the map is that of the microphone that the solver moves next
+    modes: tuple[int, ...] | None = None  # modes of the map, counted from 1; None for those that the solver uses
+    # number added to ceil(k R), the order of each mode of the map; at first that of the cost in the status lines
     order_offset: int = ORDER_OFFSET
     objective: bool = True  # whether the map shows what the method minimises; otherwise it shows Eq. 7
     dark: bool = False  # whether the page has a dark background
@@ -76,7 +76,8 @@ class Choices(MapStyle):
     ) -> CostMapRequest:
         """Return the request for the map of a microphone, counted from 0, in the state that is shown.
 
-        `revision`: counts the states on the screen; `follow`: whether the map of any microphone will do.
+        `revision`: number of the state on the screen; `follow`: whether a map of another microphone may be shown
+        instead.
         """
         state, order = view.state, self.map_order
         if self.in_space:  # in space the map is the layer of the estimate, or the nearest in the domain
@@ -97,7 +98,7 @@ SWITCHES = "log minima follow objective dark trails ellipses descending".split()
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
-    """Return the choices of a new session: those of its request, and the style of the page before.
+    """Return the choices of a new session: those of its request, and the style of the previous session.
 
     `modes`: number of modes that can be in use; `before`: choices of the session that was shown before, or None.
     InputError if the `choices` of the request, which may come from a file, have an unknown key or value.
@@ -134,10 +135,10 @@ class PageState:
 
     view: SessionView  # the states of the run; the one that is shown is in the frame of the page
     now: float = 0.0  # s
-    revision: int = 0  # counts the states that were shown
-    microphone: int = 0  # whose map is shown, counted from 0
+    revision: int = 0  # number of the state on the screen: it counts the states that were shown
+    microphone: int = 0  # microphone whose map is shown, counted from 0
     drawn: CostMap | None = None  # the map on the floor or in space
-    reason: str = ""  # why there is no map; "" if it is not ready yet
+    reason: str = ""  # why there is no map; "" if the map is not ready yet
     picture: Any = None  # Picture, on the screen
     fault: str = ""  # an exception of the page, as text
     found: Assessment | None = None  # assessment of the state, once the solver has finished
@@ -150,11 +151,11 @@ class PageState:
 
     @property
     def counted(self) -> np.ndarray:
-        """Numbers of the microphones whose errors are averaged and that align a blind array with the truth."""
+        """Numbers of the microphones whose errors are averaged; without known ones, they align the array, too."""
         return self.run.sought if self.sought is None else self.sought
 
 
-RUN_BAR = "run bar"  # in place of the name of a tab: the controls above all tabs
+RUN_BAR = "run bar"  # used like the name of a tab, for the controls above all tabs
 
 
 class Tab:
@@ -279,7 +280,7 @@ class Binding:
             self.sent[id(handle)] = handle.value = value
         answer(client, value)
 
-    # Controls of viser, with their bounds and their effect. Value and visibility may be functions of the choices.
+    # Controls of viser, with their bounds and effects. A value or a visibility may be a function of the choices.
 
     def _control(self, kind: str, label: str, *given, visible: Any = True, command: str = "", **options: Any) -> Any:
         (*bounds, value, act), now = given, self.choices
@@ -301,7 +302,7 @@ class Binding:
         return self.dropdown(label, tuple(values), lambda of: names[getattr(of, key)], act, **options)
 
     def follow(self, handle: Any, **properties: Callable[[Choices], Any]) -> None:
-        """Let properties of a control be functions of the choices from now on."""
+        """Make properties of a control functions of the choices from now on."""
         for name, of in properties.items():
             setattr(handle, name, of(self.choices))
             self._followers.append((handle, name, of))
@@ -316,7 +317,7 @@ class Binding:
         self._wake()
 
     def remove(self) -> None:
-        """Remove all controls; another session takes the place of this one."""
+        """Remove all controls, because another session replaces this one."""
         self._removed = True
         for folder in self.folders:
             folder.remove()
@@ -329,7 +330,7 @@ class Binding:
     def send(self, handle, value) -> None:
         """Set the value of a control if it differs from the one sent last.
 
-        A caller that enters the user's own value in `sent` keeps this from pulling back a slider that is being dragged.
+        A caller may enter a value of the user in `sent`; then a slider that is being dragged is not moved back.
         """
         if id(handle) not in self.sent or self.sent[id(handle)] != value:
             self.sent[id(handle)] = value

@@ -326,7 +326,7 @@ def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(control
     state = Restarted(Restarted.best_positions + 0.1)
     said = html.status(view_of([state], running=True), controls[0].binding.measurement)
     assert state_word(state, True) == "Trying another start; the best so far is kept"
-    assert "mean 0 mm" in said and "Trying another start" in said and "the best start is kept" in said
+    assert "mean 0 mm" in said and "Trying another start" in said and "the best start so far is kept" in said
 
 
 def test_one_button_runs_and_pauses_and_a_slider_rewinds(controls):

@@ -211,7 +211,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     choose(first, "Show", "No map")
     first.wait_for_function("location.hash.includes('map=none')")
 
-    second.get_by_role("button", name="Now you").press("t")  # any other key is one
+    second.get_by_role("button", name="Your turn").press("t")  # any other key is one
     second.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
     second.wait_for_function("location.hash.includes('microphone=0')")
     assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"

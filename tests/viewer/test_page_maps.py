@@ -173,7 +173,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
     viewer.run.session.step()
     turn_until(lambda: sweep._wanted is None and not sweep.worker.busy)
     assert len(made.frames) < 19
-    turn_until(lambda: "which all frequencies share" in sweep.text.content and not sweep._plot.folder.visible)
+    turn_until(lambda: "fits all frequencies" in sweep.text.content and not sweep._plot.folder.visible)
 
 
 def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):

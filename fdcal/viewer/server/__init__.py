@@ -8,9 +8,9 @@ process        the error log, and the memory of the process
 """
 
 # The regions over the canvas that `page.js` fills with the HTML of hidden controls.
-# words: large, in the middle; invitation: in their place, after the film; caption: of a lesson; legend: scale and
-# marks; bar: of the layout Explore; sheet: above it, on demand; address: the part of the page's address that all
-# browsers share; lecture: "on" in lecture mode.
+# words: large text in the middle; invitation: text at the same place after the film; caption: text of a lesson; legend:
+# scale and marks; bar: the bar of the layout Explore; sheet: the sheet above the bar; address: the part of the page's
+# address that is common to all browsers; lecture: "on" in lecture mode.
 REGIONS = ("words", "invitation", "caption", "legend", "bar", "sheet", "address", "lecture")
 
 

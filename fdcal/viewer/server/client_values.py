@@ -56,11 +56,11 @@ def fits(control, value) -> bool:
     return number and (low is None or value >= low) and (high is None or value <= high)
 
 
-MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin
-MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
+MAX_COORDINATE = 1e6  # largest coordinate of a camera or a pointer, metres
+MIN_LENGTH = 1e-9  # least length of a direction and of a line of sight, metres
 CAMERA = "ViewerCameraMessage"
 POINTS = "position look_at up_direction start_position end_position ray_origin ray_direction".split()  # metres
-COSTS = {  # of one message of each kind, in units of a control's update; other kinds are dropped
+COSTS = {  # cost of one message of each kind, in units of a control's update; messages of other kinds are dropped
     CAMERA: 1.0,
     "GuiUpdateMessage": 1.0,
     "ScenePointerMessage": 1.0,
@@ -77,10 +77,10 @@ DRAG_START_COST = 40.0  # each drag adds a state to the history
 def decoded_message(raw) -> dict[str, Any]:
     """Return a message as plain data; ValueError if it is not the msgpack encoding of a message."""
     if not isinstance(raw, bytes):
-        raise ValueError("a text where a message was expected")
+        raise ValueError("a text was sent instead of a message")
     message = msgspec.msgpack.decode(raw)  # its DecodeError is a ValueError
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
-        raise ValueError("data without a type where a message was expected")
+        raise ValueError("data without a type were sent instead of a message")
     return message
 
 

@@ -9,8 +9,8 @@ GuardedConnection   passes on only messages that `client_values` accepts, at a b
                     that does not read
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 open_server         the server
-LoopEvent           a message that another thread pushes always reaches the browser
-encoded             an image is compressed quickly, not as small as possible
+LoopEvent           ensures that a message that another thread pushes reaches the browser
+encoded             compresses an image quickly rather than as small as possible
 """
 
 import asyncio
@@ -50,9 +50,9 @@ from .process import printable
 log = logging.getLogger(__name__)
 
 Handler = Callable[..., Any]  # a coroutine function
-RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at once
+RATE, BURST = 200.0, 400.0  # control updates of one client, per second and at once
 FLOOD_TIME = 5.0  # s, total delay of a client beyond its budget after which it is disconnected
-OPEN_TIME = 2.0  # s within which a client must send its request; the server waits for it when it ends
+OPEN_TIME = 2.0  # s within which a client must send its request; a server that stops waits for so long
 STALL_TIME = 10.0  # s within which a client must read some of the bytes that wait for it
 MAX_UNREAD_BYTES = 16_000_000  # bytes that may wait for one client
 NOT_READING = "a client that does not read was disconnected"
@@ -118,7 +118,7 @@ class GuardedConnection(ServerConnection):
             sending.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """Handle data from the client; one that asks for answers and does not read them is disconnected."""
+        """Handle data from the client; a client that requests answers and does not read them is disconnected."""
         super().data_received(data)
         if self.transport.get_write_buffer_size() > MAX_UNREAD_BYTES:
             log.warning(NOT_READING)
@@ -199,7 +199,7 @@ def own_page_only(
 def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
     """Return viser's page with the title TITLE, page.css and page.js; any other page is not changed.
 
-    `body`: of the page; `zipped`: whether gzip has compressed it; `film`: HTML at the beginning of its body.
+    `body`: bytes of the page; `zipped`: whether gzip has compressed them; `film`: HTML for the beginning of its body.
     """
     plain = gzip.decompress(body) if zipped else body
     style, script = STYLE.read_text(encoding="utf-8"), SCRIPT.read_text(encoding="utf-8")
@@ -217,15 +217,15 @@ def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
 
 FREE_PORT = "use <port> 1024 to 65535, or <port> 0 for a free one"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
-MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
+MAX_MESSAGE_BYTES = 100_000  # largest size of one message of a browser: a camera, a value, a click
 
 
 def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None] = lambda: None) -> viser.ViserServer:
     """Open a server that only its own page can use.
 
-    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port; `film`: HTML that the page shows before its
-    scene, or ""; `on_sent`: called when the page is about to be sent. Raises InputError: the address cannot be used, or
-    the port is in use.
+    `host`: address to listen at; `port`: 0 to 65535, where 0 selects a free port; `film`: HTML that the page shows
+    before its scene, or ""; `on_sent`: called when the page is about to be sent. InputError if the address cannot be
+    used, or if the port is in use.
     """
     if not 0 <= port <= 65535:
         raise InputError(f"port = {port} is out of range", FREE_PORT, key="port")
@@ -291,7 +291,7 @@ def is_loopback(host: str) -> bool:
 
 
 def _drop_bad_updates(server: viser.ViserServer) -> None:
-    """Let a message about a control pass only if it sets its value, to one that the control can have."""
+    """Let a message about a control pass only if it sets the control to a value that it can have."""
     handlers, controls = server._websock_server._incoming_handlers, server.gui._gui_input_handle_from_uuid
 
     async def handle(handler: Handler, client_id, message) -> None:
@@ -312,8 +312,9 @@ def _drop_bad_updates(server: viser.ViserServer) -> None:
 class LoopEvent(asyncio.Event):
     """An event that only its own event loop sets; viser sets it there, too, after every message.
 
-    `wait` finds an event unset, and then queues its future. If another thread sets the event between the two, `wait`
-    never returns, because later calls of `set` find the event set and do nothing. The browser gets no more messages.
+    The method `wait` finds the event unset, and then queues its future. If another thread sets the event in between,
+    `wait` never returns, because later calls of `set` find the event set and do nothing. The browser then gets no more
+    messages.
     """
 
     own: asyncio.AbstractEventLoop

@@ -3,14 +3,14 @@
 //   labels      the texts of the scene, outlined, without those that would cover others (scene3d.py)
 //   overlay     regions on the canvas, whose HTML the server sends in hidden controls (html.py)
 //   commands    what a user presses or sets there, sent as text: "play", "modes=12"
-//   address     the view after #, read when the page opens or the address changes, written once nothing changes. A page
-//               that is reloaded with the address that it wrote itself, from the same start of the server, does not open
-//               it, because other browsers may have continued meanwhile
+//   address     the view after #. It is read when the page opens or the address changes, and written when nothing changes.
+//               A page that is reloaded with an address that it wrote itself, and from the same start of the server, does
+//               not open this address, because other browsers may have continued meanwhile
 //   theme       the browser's preference, sent when the page opens and when it changes
 //   connection  viser tries to reconnect every second. After some failures Chromium delays each attempt by up to 5 s, and
 //               the next attempt cancels it. Here the page waits until the server answers, and reloads.
-//   keys        arrow keys on a slider move the slider only, not the camera; Escape closes words
-//   camera      a drag does not turn it below the floor
+//   keys        arrow keys on a slider move only the slider, not the camera; Escape closes the large text
+//   camera      it cannot be turned below the floor
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
@@ -77,7 +77,7 @@ function send(command) {
   return true;
 }
 
-// A slider that is dragged sends its newest value, not more often than every SEND_INTERVAL.
+// A slider that is dragged sends its newest value at most once per SEND_INTERVAL.
 function sendLatest(name, command) {
   const busy = waiting.has(name);
   waiting.set(name, command);
@@ -131,7 +131,7 @@ function show(uuid, content) {
   if (name == "upload") { uploaded = Number(html); resume(); return; }
   if (name == "lecture") {
     root.toggleAttribute("data-lecture", Boolean(html));
-    for (const label of labels) label.size = null;  // measured again, since the type changes
+    for (const label of labels) label.size = null;  // measured again, because the size of the type changes
     drawnFrom = "";
     return;
   }
@@ -169,7 +169,7 @@ function morph(old, wanted) {
 const layer = document.createElement("div");
 layer.id = "fdcal-labels";
 let labels = [], awaited = null, drawnFrom = "", canvasSize = [0, 0], upright = true;
-const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: between texts; of an axis that shows
+const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: gap between texts; least length of an axis whose numbers are shown
 
 // viser draws a change of the scene later than it arrives; a text waits for the scene that it belongs to.
 function setLabels(html) {
@@ -257,7 +257,7 @@ function placeLabels(camera) {
 
 function showLayout(name) {
   const wanted = name == "expert" ? "expert" : "explore";
-  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // an address with the present layout must not close the sheet
+  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // if the address has the present layout, the sheet stays open
   root.dataset.layout = wanted;
   if (introduced) send(`layout=${wanted}`);
   setTimeout(unfold, 50);
@@ -323,7 +323,7 @@ for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gestur
 
 // --- fingers
 
-// A finger selects the nearest microphone within REACH. Its disc has only a few pixels, so the gesture is moved onto it.
+// A finger selects the nearest microphone within REACH. Its disc has only a few pixels; the gesture is moved onto the disc.
 const REACH = 24;  // pixels
 let gesture = null;  // {id, shift}
 function shiftOnto(event) {
@@ -331,7 +331,7 @@ function shiftOnto(event) {
   let best = null;
   for (const [name, node] of Object.entries(mutable.nodeRefFromName)) if (/^\/picking\/\d+$/.test(name)) node?.traverse(discs => {
     for (let i = 0; discs.isInstancedMesh2 && i < discs.instancesCount; i++) {
-      const scale = discs.getMatrixAt(i).elements[0], further = scale < 0.95 ? REACH / 2 : 0;  // px: a fixed microphone counts as farther
+      const scale = discs.getMatrixAt(i).elements[0], further = scale < 0.95 ? REACH / 2 : 0;  // pixels: a fixed microphone counts as farther away
       if (scale < 0.5) continue;  // a speck in a corner of the search domain
       const {x, y, z} = at.copy(discs.getPositionAt(i)).applyMatrix4(discs.matrixWorld).project(mutable.camera);
       const shift = [box.left + (1 + x) / 2 * box.width - event.clientX, box.top + (1 - y) / 2 * box.height - event.clientY], far = Math.hypot(...shift) + further;
@@ -372,7 +372,7 @@ function cover(canvas) {
   place();
 }
 
-overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-slow">No graphics card in use: this browser draws slowly. '
+overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-slow">Slow drawing: this browser uses no graphics card. '
   + '<button aria-label="Hide this line">&#10005;</button></div>');
 overlay.querySelector("#fdcal-slow button").addEventListener("click", event => event.target.parentNode.remove());
 
@@ -437,7 +437,7 @@ function retries() {
 function lose() {
   if (lost) return;
   lost = true;
-  note("The connection is lost. The page comes back by itself when the server answers.");
+  note("The connection is lost. The page reloads when the server answers.");
   let answers = 0;  // a server that stops may answer once more, over a socket that Chromium has opened in advance
   const poll = async () => {
     try {
@@ -468,7 +468,7 @@ addEventListener("DOMContentLoaded", () => {
   }, 50);
   if (sessionStorage.getItem("fdcal back")) {
     sessionStorage.removeItem("fdcal back");
-    note("The connection was lost and is back.");
+    note("The connection was lost and is restored.");
   }
 });
 })();

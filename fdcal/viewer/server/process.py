@@ -3,11 +3,11 @@
 Events on the event loop are written only to the log file. The terminal may be a pipe that nobody reads, and an event
 loop that waits for a reader serves no page.
 
-Memory: 60 changes of the scene increase the memory by 363 MB, but by 7 MB with `share_one_heap` and `release_memory`
-(`python -m benchmarks switches`). glibc gives every thread its own heap and returns little of it to the system; a page
-has some twenty threads, each of which uses large arrays for a short time. viser keeps the removal of every control in
-its buffer until another browser connects. A session that was replaced is a cycle of references through the callbacks of
-its controls, with few objects and large arrays, which Python's collector finds late.
+Memory: 60 changes of the scene increase the memory by 363 MB, but only by 7 MB with `share_one_heap` and
+`release_memory` (`python -m benchmarks switches`). glibc gives every thread its own heap and returns little of it to
+the system; a page has some twenty threads, each of which uses large arrays for a short time. viser keeps the removal of
+every control in its buffer until another browser connects. A session that was replaced is a cycle of references through
+the callbacks of its controls, with few objects and large arrays, which Python's collector finds late.
 """
 
 import asyncio
@@ -109,8 +109,8 @@ def share_one_heap() -> None:
 def release_memory(server: viser.ViserServer) -> None:
     """Release the memory of a session that was replaced, in about 0.1 s.
 
-    These are viser's messages about controls that were removed, the objects of the session, and pages of the heap.
-    viser's collector is private, so that its version is pinned.
+    This memory is held by viser's messages about removed controls, the objects of the session, and pages of the heap.
+    viser's collector is private; therefore viser's version is pinned.
     """
     server._run_garbage_collector()
     gc.collect()

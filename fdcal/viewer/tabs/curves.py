@@ -1,14 +1,14 @@
-"""The tab Curves: error and cost against sweeps; and the plots of the page by uPlot, with common colours of curves.
+"""The tab Curves: error and cost over sweeps; and the class of all plots of the page, which uPlot draws.
 
-A plot is kept while its data and axes change. If a plot were removed and added again, it would have no width for a
-moment and move the controls below it, and data for the old plot could still arrive.
+A plot stays on the page while its data and axes change. If a plot were removed and added again, it would have no width
+for a moment and move the controls below it, and data for the old plot could still arrive.
 
 If the axes change, the page builds a new chart. viser's page keeps the visible part of the abscissa when the extent of
 the data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in
 a corner or cut off. The axes are therefore sent some time after the data.
 
-uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. NaN is never sent, since with
-it uPlot would search for axis ticks without end.
+uPlot writes small numbers as 0; therefore errors are drawn in millimetres and costs in decibels. NaN is never sent,
+because uPlot would then search for axis ticks endlessly.
 """
 
 import time
@@ -24,10 +24,10 @@ from ..state import Binding, PageState, Tab
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
-APART = 0.3  # s from sending data of another extent to sending the new axes
+APART = 0.3  # s between data of another extent and the new axes for them
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
 
-# Of the ordinate: powers of ten between the ends of a logarithmic axis, the ends of a linear one, or uPlot's own.
+# Of the ordinate: the powers of ten on a logarithmic axis; the ends of a linear axis; None: uPlot chooses the axis.
 Ends = range | tuple[float, float] | None
 Series = tuple[uplot.Series, ...]
 
@@ -35,9 +35,9 @@ Series = tuple[uplot.Series, ...]
 class Plot:
     """Owns one plot.
 
-    `title` has the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
-    abscissa, with its unit, which has ticks only at whole numbers; `height`: pixels; `legend`: whether the plot has a
-    legend below it. `data` are the columns on the page; `folder` contains the plot and can be made invisible.
+    `title` includes the unit of the ordinate; `series` are those of uPlot, the abscissa first; `x` is the label of the
+    abscissa with its unit; the abscissa has ticks at whole numbers only; `height`: pixels; `legend`: whether the plot
+    has a legend below it. `data` are the columns on the page; `folder` contains the plot and can be made invisible.
     """
 
     def __init__(self, gui: viser.GuiApi, title: str, series: Series, x: str, height: int = 215, legend: bool = True):
@@ -45,7 +45,7 @@ class Plot:
         self._gui, self._series, self._x, self._height = gui, series, x, height
         self.folder, self.title = gui.add_folder(None), title
         self.handle: viser.GuiUplotHandle | None = None
-        self._ends: Ends = None  # of the axis on the page
+        self._ends: Ends = None  # ends of the axis on the page
         self._wanted: tuple[tuple[np.ndarray, ...], Ends] = (), None  # data and ends of the last call of `show`
         self.data: tuple[np.ndarray, ...] = ()  # the data on the page
         self._until, self._axes_next = 0.0, False  # time until which nothing is sent, and whether axes are sent next
@@ -99,7 +99,7 @@ def dots(size: float, stroke: str, fill: str) -> Any:
 
 
 MAX_POINTS = 600  # largest number of points of a plot, all of which are sent each time
-ZERO = 1e-9  # mm, drawn below the axis in place of an error of zero, which has no logarithm
+ZERO = 1e-9  # mm; it replaces an error of zero, which has no logarithm, and lies below the axis
 
 
 class CurvesTab(Tab):
@@ -148,7 +148,7 @@ class CurvesTab(Tab):
         for one in history[kept:]:
             errors = self._measurement.errors(one.positions, self._sought)
             errors = np.zeros(1) if errors is None else errors[self._sought]
-            # a finite number, also of NaN
+            # a finite number, also if the error is NaN
             finite = (min(max(ZERO, float(1e3 * error)), 1e12) for error in (errors.mean(), errors.max()))
             all_at_once = one.step == one.sweep  # each step of the solver moves all microphones
             self._rows.append((one.step if all_at_once else one.step / self._free, *finite))

@@ -1,7 +1,7 @@
 """Lessons: a text, a question and its answer on the canvas; each step sets the page's own controls.
 
 All browsers on the page follow the same lesson. A step that needs another scene opens it first (`Page.open`), and sets
-the controls as soon as the scene is ready. At the end of a lesson the page shows again what it showed before.
+the controls as soon as the scene is ready. At the end of a lesson the page returns to what it showed before.
 """
 
 import logging
@@ -114,7 +114,7 @@ class PageBefore:
 
 
 def controls_of(viewer: Viewer) -> dict[tuple[str, str], Any]:
-    """Return the controls in the panels that keep a value, unlike buttons: by the name of the tab, and their own."""
+    """Return the controls in the panels that keep a value, unlike buttons, by the name of the tab and their own."""
     return {
         (tab.part, name): handle
         for tab in viewer.tabs.parts
@@ -125,9 +125,9 @@ def controls_of(viewer: Viewer) -> dict[tuple[str, str], Any]:
 
 INTRODUCTION = (
     "A lesson sets the controls for you, asks a question, and shows what happens. Everyone who has this page open"
-    " follows the same lesson. What the page shows now comes back when the lesson ends."
+    " follows the same lesson. When the lesson ends, the page returns to what it shows now."
 )
-WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
+WAITS = 'Your session is paused. "End lesson" returns to it, with all controls as they were.'
 
 
 NEXT_STEP, NEXT_LESSON, HURRY = "Next step", "Next lesson: {}", "Run to the end"
@@ -153,8 +153,8 @@ class LessonsTab:
         self.progress, self._error = LessonProgress(), ""
         self._before: PageBefore | None = None  # the state of the page before the first lesson
         self._returning: PageBefore | None = None  # the state that is being restored after a lesson
-        self._requests: list[OpenRequest] = []  # of the lessons since the first
-        self._pending: OpenRequest | None = None  # whose scene is being prepared
+        self._requests: list[OpenRequest] = []  # the requests of lessons since the first lesson
+        self._pending: OpenRequest | None = None  # the request whose scene is being prepared
         self._then: Callable[[], object] = lambda: None  # called when the step is set
         self._ended: Callable[[SessionView], bool] | None = None  # returns whether the run of the step has ended
         self._panel = ""  # HTML below the text
@@ -184,7 +184,7 @@ class LessonsTab:
 
     @property
     def caption(self) -> str:
-        """The HTML of the present step, with its answers as buttons or, after a choice, the right one.
+        """The HTML of the present step, with its answers as buttons or, after a choice, the right answer.
 
         It is "" without a lesson. While the step waits, the question or the explanation is left out.
         """
@@ -246,9 +246,9 @@ class LessonsTab:
         return "".join(items) if self._lessons else "<div class='dim'>There are no lessons.</div>"
 
     def open(self, name: str, number: int | None = None, then: Callable[[], object] = lambda: None) -> None:
-        """Show a step of a lesson, by the step's number from 1; None for where it was left.
+        """Show step `number` of a lesson, counted from 1; None for the step at which the lesson was left.
 
-        `name`: of the lesson, its title, its number in the list, or the beginning of a single name. A step that is
+        `name`: name of the lesson, its title, its number in the list, or the beginning of one name only. A step that is
         already shown does not begin again. `then` is called when the step is set. InputError if there is no such lesson
         or step.
         """
@@ -328,10 +328,10 @@ class LessonsTab:
             return
         revealed = progress.choice >= 0
         settings = [step.page, step.then] if revealed else [step.page]
-        if fresh:  # a step relies on the settings of the steps before it
+        if fresh:  # because a step relies on the settings of the steps before it
             settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
             settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
-            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # undoes the runs before it
+            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # it undoes earlier runs
             settings = [replace(one, run=None) if i < begun else one for i, one in enumerate(settings)]
 
         with self._guarded():
@@ -369,7 +369,7 @@ class LessonsTab:
         self._open(request, apply_all)
 
     def _open(self, request: OpenRequest, act: Callable[[Viewer], None]) -> None:
-        """Open a scene, and call `act` with the viewer that shows it, unless another one is wanted by then."""
+        """Open a scene, and call `act` with the viewer that shows it, unless another scene was requested meanwhile."""
 
         def then(shown: Viewer | None) -> None:
             if self._pending is not request:
@@ -383,7 +383,7 @@ class LessonsTab:
         self._page.open(request, then)
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
-        """Wait for the end of the run of a setting, if it has one, before question, explanation and marks are shown."""
+        """Wait for the end of the run of a setting, if it has one; then question, explanation and marks are shown."""
         (what, count), first = run_target(setting.run or "0 steps"), before.history[0] if restarts else before.state
 
         def ended(now: SessionView) -> bool:
@@ -403,7 +403,7 @@ class LessonsTab:
         viewer.binding.choose(marks=marks)
 
     def show(self) -> None:
-        """Follow the run whose end the step waits for, and bring the caption up to date; called by the main loop."""
+        """Check whether the run for which the step waits has ended, and update the caption; called by the main loop."""
         viewer = self._page.viewer
         if viewer is not None and self.progress.lesson is not None and self._pending is None:
             if self._ended is not None and self._ended(viewer.binding.session.view):

@@ -1,7 +1,7 @@
-"""The tab Map: microphone, modes and kind of the map, its modes added one by one, and the power spectrum.
+"""The tab Map: microphone, modes and kind of the map, an animation that adds modes, and the power spectrum.
 
 The animation "Add frequencies one by one" adds modes to the map from the lowest up, or from a high one down, and counts
-the local minima of each sum. A thread computes its maps on the same fine lattice as those of a page at rest, so that
+the local minima of each sum. A thread computes its maps on the same fine lattice as the map of a page at rest, so that
 both have the same local minima.
 """
 
@@ -89,7 +89,7 @@ class MapTab(Tab):
         self.kind = binding.choice("Show", "kind", labels, visible=self._possible, command="kind")
         self.microphone = binding.slider(
             "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone, self.pick,
-            command="microphone", hint="Or click a microphone in the scene; drag it to move its estimate",
+            command="microphone", hint="You can also click a microphone in the scene, or drag it to move its estimate",
         )  # fmt: skip
         self.follow = binding.checkbox(
             "Follow the run", lambda choices: choices.follow, self.follow_solver,
@@ -98,7 +98,7 @@ class MapTab(Tab):
         self.text = binding.on(
             binding.gui.add_text(
                 "Frequency numbers", SOLVER if choices.modes is None else modes_text(choices.modes),
-                hint=f'Of the map, for example 1-3, 5; "{SOLVER}" for those that the solver uses',
+                hint=f'Frequencies of the map, such as 1-3, 5; "{SOLVER}" for those that the solver uses',
             ),
             self._read, command="map_modes",
         )  # fmt: skip
@@ -108,7 +108,7 @@ class MapTab(Tab):
             self.quantity = binding.choice(
                 "Quantity", "objective", {OBJECTIVE: True, EQ7: False},
                 visible=lambda choices: of_cost(choices) and not choices.volume,
-                hint="Eq. 7 at one order is the same for all methods",
+                hint="Eq. 7 at a given order does not depend on the method",
             )  # fmt: skip
             self.order = binding.slider(
                 "Extra orders", 0, MAX_ORDER_OFFSET, 1, lambda choices: choices.order_offset,
@@ -119,11 +119,11 @@ class MapTab(Tab):
             self.scale = binding.choice("Scale", "log", SCALES, visible=of_cost, command="scale")
             self.minima = binding.choice(
                 "Mark minima", "minima", visible=mapped,
-                hint="Mark and count the local minima; of a mode shape, where the microphone would measure the same",
+                hint="Mark the local minima; in a mode shape, the positions with the same measured pressure",
             )  # fmt: skip
 
     def pick(self, number: int) -> None:
-        """Show the map of a microphone, the last one for a larger number, and stop following the solver."""
+        """Show the map of a microphone, and stop following the solver; too large a number selects the last one."""
         number = min(max(number, 0), self._binding.measurement.count - 1)
         self._binding.choose(microphone=number, follow=False)
         self.microphone.value = number
@@ -166,7 +166,7 @@ class MapTab(Tab):
 class Sweep:
     """The maps of a sweep, which may still grow."""
 
-    request: CostMapRequest  # of its last map, with the modes in the order in which they are added
+    request: CostMapRequest  # request for the last map; its modes are in the order in which they are added
     frames: list[CostMap] = field(default_factory=list)  # maps of the first mode, of the first two, and so on
 
 
@@ -175,8 +175,8 @@ class Playback:
     """A sweep that plays."""
 
     next: int = 0  # number of the next map, counted from 0
-    due: float = float("-inf")  # time at which it is shown, s; by default at once
-    shown: tuple[int, ...] | None = None  # modes of the last map that it showed
+    due: float = float("-inf")  # time at which the next map is shown, s; by default at once
+    shown: tuple[int, ...] | None = None  # modes of the last map that was shown
 
 
 def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
@@ -184,20 +184,20 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
     return len(modes) if tuple(sorted(sequence[: len(modes)])) == modes else 0
 
 
-HIDDEN = -1e3  # below a plot, for points without a value: uPlot cannot draw NaN
+HIDDEN = -1e3  # ordinate below the plot, for points without a value, because uPlot cannot draw NaN
 ORDERS = {"Lowest first": False, "Highest first": True}  # whether modes are added from the highest down
 RATE, MAX_RATE = 4, 20  # modes per second
 ADVICE = (
-    "Frequencies are added to the map one by one, and its local minima are counted: one is left, which all frequencies"
-    " share."
+    "Frequencies are added to the map one by one, and its local minima are counted, until one is left: the position"
+    " that fits all frequencies."
 )
 
 
 class SweepTab(Tab):
     """Owns the controls that add modes to the map, the maps of one sweep, and its playback.
 
-    Its callbacks run on viser's event loop, `show` on the main loop. `playing` is the playback, or None; `made` is the
-    last sweep that was requested, as far as it is computed, or None before it is begun.
+    Its callbacks run on viser's event loop, and `show` runs on the main loop. `playing` is the playback, or None;
+    `made` is the sweep that was requested last, as far as it is computed, or None if its computation has not begun.
     """
 
     part, where, order = "sweep", "Map", 2
@@ -261,7 +261,7 @@ class SweepTab(Tab):
     def sum_modes(self, count: int, alone: bool | None = None) -> None:
         """Stop, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone, self.playing = self.alone if alone is None else alone, None
-        if not self._binding.run.solver.TRAITS.moves_all:  # its steps minimise the map that is shown
+        if not self._binding.run.solver.TRAITS.moves_all:  # because its steps minimise the map that is shown
             self._binding.session.pause()
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
@@ -271,7 +271,7 @@ class SweepTab(Tab):
 
     @property
     def alone(self) -> bool:
-        """Whether the map shows a single mode; the first mode, which is also a sum, does not change the answer."""
+        """Whether the map shows a single mode; if it shows the first mode, which is also a sum, the answer stays."""
         modes = self._binding.choices.modes
         if modes != self._sequence()[:1]:
             self._alone = modes is not None and len(modes) == 1
@@ -301,7 +301,7 @@ class SweepTab(Tab):
     # Only the main loop calls the methods below.
 
     def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
-        """Return the map of the sweep in place of `drawn`, if the sweep has the one that is wanted.
+        """Return the map of the sweep instead of `drawn`, if the sweep has the map that is wanted.
 
         While it plays, a map stays until the next one is computed.
         """
@@ -314,7 +314,7 @@ class SweepTab(Tab):
                 swept = sweep.frames[count - 1]
                 floor = swept.floor and replace(swept.floor, show_minima=style.minima)
                 shown, of = replace(swept, request=wanted, floor=floor, fine=True), (swept, style.minima)
-                self._last = self._drawn.get(*of) or self._drawn.keep(shown, *of)  # the same object while it is shown
+                self._last = self._drawn.get(*of) or self._drawn.keep(shown, *of)  # the same object while shown
                 return self._last, ""
         if drawn is None and not reason and self.playing is not None and last is not None:
             kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
@@ -393,8 +393,8 @@ class SweepTab(Tab):
 
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # colours of the spectrum, and of the area below it
-MAX_POINTS = 700  # of the spectrum, all of which are sent each time
-ABOVE, BELOW = 6.0, 8.0  # dB from the strongest peak to the top of the plot, and from the weakest to the bottom
+MAX_POINTS = 700  # number of points of the spectrum, all of which are sent each time
+ABOVE, BELOW = 6.0, 8.0  # distance of the strongest peak from the top of the plot, of the weakest from the bottom, dB
 MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
 
 
@@ -474,7 +474,7 @@ class SpectrumTab(Tab):
         return used, round(limit) if np.isfinite(limit) else limit
 
     def show(self, state: PageState) -> None:
-        """Show the modes of the map, and say below which is the highest, with a warning if it is beyond f_max."""
+        """Show the modes of the map, and below the plot the highest of them, with a warning if it is beyond f_max."""
         measurement, problem = self._binding.measurement, self._binding.run.problem
         used, limit = self.inputs(state)
         self.plot.show(self.columns(used, limit), self._range)

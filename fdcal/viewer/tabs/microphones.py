@@ -1,4 +1,4 @@
-"""The tab Mics: the error of each microphone against its distance from the first known one, and tables.
+"""The tab Mics: a plot of errors over the distance from the first known microphone, and tables.
 
 The tables have the positions, gain, phase and noise of each channel, and the corrections of the given positions.
 """
@@ -37,9 +37,9 @@ def position_table(
 ) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
-    `positions` (N, D) float64, metres, are estimated; `sigma` (N,) float64, metres, is their standard deviation, or
+    `positions` (N, D) float64, metres, are the estimates; `sigma` (N,) float64, metres, is their standard deviation, or
     None; `selected` is the microphone of the map, counted from 0; `sought` are the numbers of the microphones by which
-    a blind array is aligned. The table has MAX_ROWS rows at most.
+    an array without known microphones is aligned. The table has MAX_ROWS rows at most.
     """
     errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))

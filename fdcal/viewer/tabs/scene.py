@@ -1,4 +1,4 @@
-"""The tab Scene: another scene, or array, walls, noise and known microphones of this one, which Apply simulates."""
+"""The tab Scene: opens another scene, or changes array, walls, noise and known microphones of the present one."""
 
 import math
 from dataclasses import replace
@@ -21,9 +21,9 @@ MEASURED = (
 # Bounds of the controls: radius in metres, absorption in %, SNR in dB, error of the sound speed in %.
 MICROPHONES, RADII, ABSORPTION, SNR, SPEED_ERROR = (4, 150), (0.05, 3.0), (0.1, 99.0), (-10, 90), (-5.0, 5.0)
 DEFAULT_SNR, MAX_SEED = 40, 2**31 - 1  # dB, value of the slider when noise is switched on
-MAX_TYPED = 1e5  # m, so that a radius in millimetres gets a message; a larger number is dropped
+MAX_TYPED = 1e5  # m; a radius typed in millimetres gets a message, while a larger number is dropped
 RADIUS = f"{RADII[0]:g} to {RADII[1]:g} m"
-# A remedy for problems whose remedy names keys of the scene's file, which the page does not show.
+# The remedy for problems whose own remedy names keys of the scene's file, which the page does not show.
 SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 
 
@@ -49,14 +49,14 @@ class SceneTab(Tab):
             "Microphones", min(low, count), max(high, count), 1, count, lambda _: self.refresh(),
             disabled=scene.array.positions is not None,
         )  # fmt: skip
-        hint = f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it"
+        hint = f"{RADIUS}; for a rectangular array, half its longest side. The search domain changes with it"
         own = round(parameters.radius, 4)
         radius = gui.add_number("Array radius (m)", own, min=0.0, max=MAX_TYPED, step=0.01, hint=hint)
         self.radius = binding.on(radius, lambda _: self._check_radius())
         walls = parameters.walls if parameters.walls in WALLS else WALLS[0]  # those of a measured room are unknown
         self.walls = binding.dropdown("Walls", WALLS, walls, lambda _: self.refresh(), visible=not modelled)
         absorbed, (low, high) = round(100 * parameters.absorption, 2) or 1.0, ABSORPTION
-        hint = "Absorbed energy of a wave at normal incidence"
+        hint = "Fraction of the energy of a wave that a wall absorbs at normal incidence"
         self.absorption = gui.add_number("Absorption (%)", absorbed, min=low, max=high, step=0.1, hint=hint)
         noisy = math.isfinite(parameters.snr_db)
         self.noise = binding.checkbox("Noise", noisy, lambda _: self.refresh())
@@ -68,7 +68,7 @@ class SceneTab(Tab):
         hint = "Microphones whose positions are given"
         self.known = gui.add_slider("Known microphones", 0, max(MICROPHONES[1], count), 1, parameters.known, hint=hint)
         seed = min(parameters.seed, MAX_SEED)
-        hint = "Of random microphone positions, of the noise and of random starts"
+        hint = "Seed of random microphone positions, of the noise and of random starts"
         self.seed = gui.add_number("Scene seed", seed, min=0, max=MAX_SEED, step=1, hint=hint)
         hint = "Simulate this scene and restart"
         apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint=hint)
@@ -96,7 +96,7 @@ class SceneTab(Tab):
         """Open another scene."""
         if name == self._own_name:
             return
-        self.name.value = self._own_name  # until the other one is shown, which may be refused
+        self.name.value = self._own_name  # until the other scene is shown, because it may be refused
         try:
             self._binding.open(scene_request(load_scene(name)))
         except (InputError, StorageError) as error:
@@ -125,7 +125,7 @@ class SceneTab(Tab):
         return possible
 
     def press(self) -> None:
-        """Open the changed scene, or say in one line why it is refused."""
+        """Open the changed scene, or show in one line why it is refused."""
         if not self._check_radius():
             return
         try:

@@ -41,7 +41,7 @@ class ViewTab(Tab):
         self.camera = binding.on(camera, lambda client, name: binding.tabs.look(client, VIEWS[name]), True, "look")
         gui.add_html(html.remark("In this window only: plan view, array, whole room."))
         self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken, command="dark_page")
-        hint = "Large type, the panels folded away; key H ends it, too"
+        hint = "Large type and no panels; the key H ends this mode as well"
         self.lecture = binding.choice("Lecture mode", "lecture", command="lecture", hint=hint)
         hint = "Path of each estimate over the last 200 states"
         self.trails = binding.choice("Trails", "trails", command="trails", hint=hint)
@@ -49,7 +49,7 @@ class ViewTab(Tab):
         self.refresh()
 
     def darken(self, dark: bool, preferred: bool = False) -> None:
-        """Make the page and the map dark, or light; `preferred`: as a browser is set, not as a user has chosen."""
+        """Make page and map dark or light; `preferred`: whether a browser prefers this, and no user has chosen it."""
         self._binding.choose(dark=dark, themed=self._binding.choices.themed or not preferred)
         self.refresh()
 
@@ -69,8 +69,8 @@ def caption(state: PageState) -> str:
 
 MAX_WAITING = 8  # files that may wait to be made
 MAX_PANELS = 8  # maps of single modes in a figure
-REPLAY_BYTES = 300_000  # of a run as a page, which can be sent by mail
-MAX_NAME = 60  # characters of the scene in the name of a file
+REPLAY_BYTES = 300_000  # largest size of a replay, so that it can be sent by mail
+MAX_NAME = 60  # characters of the scene's name in the name of a file
 
 log = logging.getLogger(__name__)
 
@@ -123,9 +123,9 @@ class Kind:
     """A kind of file."""
 
     ending: str  # end of the file's name
-    description: str  # in a sentence
+    description: str  # one sentence for the user
     make: Callable[[PageState], bytes]  # returns the content of the file
-    slow: bool = False  # whether that takes seconds
+    slow: bool = False  # whether `make` takes seconds
 
 
 KINDS = {
@@ -186,7 +186,7 @@ class ExportTab(Tab):
     def save(self, client: viser.ClientHandle, kind_name: Any = None) -> None:
         """Request a file of what is shown; the page says at once that it is in progress, or why it is refused.
 
-        `kind_name`: of KINDS; the one that is chosen unless given. Raises InputError: there is no such kind.
+        `kind_name`: a key of KINDS; by default the kind that is chosen. InputError if there is no such kind.
         """
         if len(self.worker.waiting) == MAX_WAITING:  # one more would drop one of them
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
@@ -199,7 +199,7 @@ class ExportTab(Tab):
         self.worker.request(client, kind, replace(self._binding.state, choices=self._binding.choices))
 
     def _make(self, client: viser.ClientHandle, kind: Kind, state: PageState) -> None:
-        """Make a file, on the thread, and send it to the page unless that has closed meanwhile."""
+        """Make a file and send it to the page, unless the page was closed meanwhile; on the thread."""
         try:
             content = kind.make(state)
         except Exception as error:

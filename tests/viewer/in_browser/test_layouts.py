@@ -214,7 +214,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     page.locator("[data-do=state][max='1'][value='1']").wait_for()
     press(page, "All together")
     page.locator("[data-do^='method='][aria-pressed=true]", has_text="All together").wait_for()
-    page.get_by_text("Move all microphones a step").wait_for()
+    page.get_by_text("Move all microphones by one step").wait_for()
     press(page, "One at a time (the paper)")
     page.get_by_text(re.compile("Move microphone .* to its lowest point")).wait_for()
     page.locator("[data-do='step=Restart']").wait_for(state="detached")
