@@ -42,6 +42,9 @@ MIN_DAMPING = 1e-9
 MAX_DAMPING = 1e6  # no step is tried with a damping above this
 INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
 DECREASE = 10.0  # divisor of the damping after a step
+# A step is shortened to the minimum of a parabola through the cost along it, if that is before this part of the step.
+# The Gauss-Newton matrix can have half the curvature of the cost; whole steps then alternate about the minimum
+OVERSHOT = 0.9
 # relative decrease of the cost that rounding errors hide; after a step that predicts a smaller one, no other is tried
 MIN_DECREASE = 1e-12
 
@@ -63,6 +66,13 @@ def damped_step(
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
+
+    def finite(tried: Unknowns) -> float:
+        try:
+            return cost(tried)
+        except np.linalg.LinAlgError:  # a covariance is singular, as with two microphones at one position without noise
+            return np.inf
+
     while damping < MAX_DAMPING:
         check_deadline()
         damped = H + damping * np.diag(scale)
@@ -70,15 +80,16 @@ def damped_step(
             y = cho_solve(cho_factor(damped, check_finite=False), -g, check_finite=False)
         except np.linalg.LinAlgError:  # with a free gauge and low damping, rounding errors can make H indefinite
             y = np.linalg.lstsq(damped, -g, rcond=None)[0]
-        tried = advance(y)
+        tried, slope = advance(y), float(g @ y)
         moved = length(tried)
-        try:
-            lower = cost(tried) if moved <= max_step else np.inf
-        except np.linalg.LinAlgError:  # a covariance is singular, as with two microphones at one position without noise
-            lower = np.inf
+        lower = finite(tried) if moved <= max_step else np.inf
         if lower < terms.cost:
+            part = -slope / (2 * (lower - terms.cost - slope))  # of the step, to the minimum of the parabola
+            shorter = advance(part * y)
+            if part < OVERSHOT and (between := finite(shorter)) < lower:
+                tried, lower, moved = shorter, between, length(shorter)
             return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
-        if -(g @ y) < MIN_DECREASE * abs(terms.cost):
+        if -slope < MIN_DECREASE * abs(terms.cost):
             break
         damping = max(damping, FIRST_DAMPING) * INCREASE
     return DampedStep(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)
