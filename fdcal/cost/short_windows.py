@@ -36,8 +36,9 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import minimum_filter
-from scipy.special import j0, j1, spherical_jn
+from scipy.special import j0, j1
 
+from ..acoustics.dictionary import sinc
 from ..model.validation import Bools, Complexes, Integers, Reals
 
 CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
@@ -202,8 +203,8 @@ class ShortLikelihood:
     def powers(self, L: Complexes, field: ShortField) -> Reals:
         """Return p^H C^-1 p of each window (G, W), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
         whitener = (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2).astype(self.pressures.dtype)
-        whitened = self.pressures @ whitener
-        return (whitened.real**2 + whitened.imag**2).sum(axis=2, dtype=np.float64)
+        parts = (self.pressures @ whitener).view(self.pressures.real.dtype)
+        return np.einsum("gwn,gwn->gw", parts, parts).astype(float)
 
     def scatter(self, q: Reals, field: ShortField) -> Complexes:
         """Return the sum of N p p^H / q over the windows, divided by `dispersion` : (G, N, N) complex.
@@ -379,7 +380,8 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     r = np.linalg.norm(d, axis=1) + 1e-9
     u, Y = d / r[:, None], _quadratic(d / r[:, None])
     z = np.maximum(k[:, None] * r, 1e-4)
-    isotropic, second = spherical_jn(0, z), spherical_jn(2, z)
+    isotropic, over = sinc(z)
+    second = -3 * over - isotropic  # j_2, because j_0' = z over and j_2 = -3 j_0' / z - j_0
     across = np.linalg.norm(d[:, :2], axis=1) + 1e-9
     flat, up = np.cos(elevation), np.sin(elevation)
     round_, level = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
@@ -388,7 +390,7 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     if not slope:
         return values.reshape(shape).mean(axis=0), np.zeros(0), np.zeros(0)
     outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # derivatives of bessel * wave by round_ and level
-    radial = (1 - ring) * spherical_jn(0, z, True) + np.dot(a, Y) * spherical_jn(2, z, True)
+    radial = (1 - ring) * z * over - np.dot(a, Y) * (z * over + 3 * second / z)  # j_2' = -j_0' - 3 j_2 / z
     slopes = k[:, None, None] * (radial[..., None] * u)
     tensor = np.tensordot(a, QUADRATIC, 1)
     slopes += second[..., None] * (2 * (u @ tensor - np.dot(a, Y)[:, None] * u) / r[:, None])
