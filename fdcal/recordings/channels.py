@@ -91,8 +91,8 @@ class ChannelWatch:
             greatest = top[n] > 0 and top[n] >= self._peak[n]
             run = 0
             if greatest:  # the longest run of samples at this magnitude
-                edges = np.flatnonzero(np.diff(np.concatenate([[False], np.abs(samples) >= top[n], [False]])))
-                run = int(np.max(edges[1::2] - edges[::2]))
+                gaps = np.diff(np.flatnonzero(np.abs(samples) >= top[n]), prepend=-2, append=block.shape[1] + 1) > 1
+                run = int(np.max(np.diff(np.flatnonzero(gaps))))
             self._longest[n] = run if top[n] > self._peak[n] else max(self._longest[n], run)
             high, low = self._edges[n]
             self._edges[n] = _edge(samples, high), _edge(-samples, low)

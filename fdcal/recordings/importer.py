@@ -31,6 +31,7 @@ from .short_windows import found_flat, short_windows
 
 SHORTER = 0.05  # fraction by which the channels of one take may be shorter than the longest, whose end is then cut off
 SAME_POSITION = 1e-3  # metres, distance up to which two positions of one microphone count as the same
+CLASSIFIED_CHANNELS = 6  # number of channels whose level shows whether a recording is an impulse response
 DECAYED_DB = 20.0  # least decay of the level of an impulse response at its end
 ARRIVAL_BAND = 0.4  # highest frequency from which arrivals are determined, over the sampling rate
 DEFAULTS = ImportOptions()  # options of an import unless given
@@ -189,6 +190,8 @@ def measurement_of_takes(
     progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of recordings of the same channels, each of which is a take, and a report on it."""
+    count = len(recordings)
+    recordings = list(parallel_map(lambda one: in_memory(one, count), recordings, count > 1, "takes"))
     recordings, left_out = _selected(recordings, options)
     if recordings[0].count < 2:
         problem = f"{recordings[0].path} has one channel, and an array needs two microphones at least"
@@ -334,7 +337,7 @@ def _classified(recording: Recording, options: ImportOptions, band: Band) -> tup
     kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
     short = recording.samples <= MAX_SAMPLES
     if kind is None:  # an impulse response has nearly decayed at its end
-        level = segment_levels(recording, band) if short else np.ones(2)
+        level = segment_levels(recording, band, CLASSIFIED_CHANNELS) if short else np.ones(2)
         decayed = level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10)
         kind = "impulse" if decayed else "stationary"
     if kind == "impulse" and short:

@@ -152,25 +152,26 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
     return Decay(rate, reached if reached <= DECAY.last_tail(recording.duration) else None, noisy)
 
 
-def segment_levels(recording: Recording, band: Band) -> np.ndarray:
-    """Return the power in the band in each segment, mean over a few channels : (segments,) float64."""
-    reduced, fs = _reduced(recording, band)
+def segment_levels(recording: Recording, band: Band, channels: int = DECAY.channels) -> np.ndarray:
+    """Return the power in the band in each segment, mean over some `channels` : (segments,) float64."""
+    reduced, fs = _reduced(recording, band, channels)
     samples = reduced.shape[1]
     padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
-    f = np.arange(padded // 2 + 1) * fs / padded
-    smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
-    smooth = smooth.astype(np.float32)
+    # The filter removes all above 2 band[1], so that a lower sampling rate represents the signal and its square.
+    f = np.arange(min(padded // 2 + 1, int(2 * band[1] * padded / fs) + 1)) * fs / padded
+    smooth = np.float32(np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2)
+    shorter = min(padded, fast_length(4 * len(f)))
     total = np.zeros(DECAY.segments)
     for row in reduced:
-        kept = irfft(rfft(row, padded) * smooth, padded)[:samples]
-        parts = np.array_split(kept, DECAY.segments)
+        kept = irfft(rfft(row, padded)[: len(f)] * smooth, shorter)[: round(samples * shorter / padded)]
+        parts = np.array_split(kept * np.float32(shorter / padded), DECAY.segments)
         total += np.array([np.mean(part**2) if len(part) else 0.0 for part in parts])
     return total / len(reduced)
 
 
-def _reduced(recording: Recording, band: Band) -> tuple[np.ndarray, float]:
-    """Return means (n, t) float32 of successive samples of a few channels, and their sampling rate, for a band, Hz."""
-    channels, factor = _measured_channels(recording), max(1, int(recording.sample_rate / (16 * band[1])))
+def _reduced(recording: Recording, band: Band, count: int = DECAY.channels) -> tuple[np.ndarray, float]:
+    """Return means (n, t) float32 of successive samples of `count` channels, and their rate, Hz, for a band."""
+    channels, factor = _measured_channels(recording, count), max(1, int(recording.sample_rate / (16 * band[1])))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []
     for start in range(0, recording.samples - factor + 1, step):

@@ -118,9 +118,12 @@ def ranges(count: int, step: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + max(1, step), count)
 
 
-def in_memory(recording: Recording) -> Recording:
-    """Return the recording in memory, with the precision of its file, if it is short; return a longer one unchanged."""
-    if recording.count * recording.samples > 4 * GROUP_SAMPLES:
+def in_memory(recording: Recording, takes: int = 1) -> Recording:
+    """Return the recording in memory, with the precision of its file; return one that is too long for that unchanged.
+
+    takes : number of recordings of this length that are in memory together
+    """
+    if takes * recording.count * recording.samples > 4 * GROUP_SAMPLES:
         return recording
     every = np.arange(recording.count)
     blocks = (recording.block(*at, every) for at in ranges(recording.samples, BLOCK_SAMPLES // recording.count))
