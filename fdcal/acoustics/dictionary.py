@@ -80,8 +80,7 @@ def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centr
     theta = np.arctan2(offsets[:, 1], offsets[:, 0])
     k = wavenumber if np.imag(wavenumber) else np.real(wavenumber)
     l = np.arange(order + 1)  # noqa: E741
-    J = jv(l, k * r[:, None])
-    return join_orders(J, np.exp(1j * l * theta[:, None]))
+    return join_orders(jv(l, k * r[:, None]), np.exp(1j * l * theta[:, None]))
 
 
 def join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:

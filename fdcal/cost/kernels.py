@@ -82,11 +82,8 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Raises LinAlgError if one of them is not positive definite.
     """
     if C.shape[1] <= FEW:
-        try:
-            G = np.linalg.cholesky(C)
-            return np.linalg.inv(C), 2 * np.log(np.real(np.diagonal(G, axis1=1, axis2=2))).sum(axis=1)
-        except np.linalg.LinAlgError:
-            pass  # the loop below finds the mode whose matrix is not positive definite
+        G = np.linalg.cholesky(C)
+        return np.linalg.inv(C), 2 * np.log(np.real(np.diagonal(G, axis1=1, axis2=2))).sum(axis=1)
     factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
     diagonals = np.empty(C.shape[:2])
     for m, A in enumerate(C):  # LAPACK needs column-major matrices: A.T is one, without a copy

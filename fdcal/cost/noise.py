@@ -41,7 +41,6 @@ the take. S and A have the mean 1.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
 from ..model.validation import Complexes, Integers, Numbers, Reals
 from . import kernels
@@ -183,10 +182,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
-    X = np.linalg.cholesky(C)
-    (invert,) = get_lapack_funcs(("trtri",), (X,))
-    for one in X:
-        invert(one.T, lower=0, overwrite_c=1)  # LAPACK needs a column-major matrix: one.T is one, without a copy
+    X: Complexes = np.linalg.inv(np.linalg.cholesky(C))
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)

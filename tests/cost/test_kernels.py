@@ -93,11 +93,11 @@ def test_a_plane_wave_has_its_power_and_weight_and_falls_along_its_direction(dim
     np.testing.assert_allclose(W, np.sqrt(w * powers)[..., None] * phase, rtol=1e-10)
 
 
-@pytest.mark.parametrize("kind", [float, complex])
-def test_a_matrix_that_is_not_positive_definite_is_refused_by_its_mode(kind):
-    C = np.tile(np.eye(5, dtype=kind), (7, 1, 1))
+@pytest.mark.parametrize(("kind", "N"), [(float, 5), (complex, 5), (complex, 12)])
+def test_a_matrix_that_is_not_positive_definite_is_refused(kind, N):
+    C = np.tile(np.eye(N, dtype=kind), (7, 1, 1))
     C[4] *= -1
-    with pytest.raises(np.linalg.LinAlgError, match="mode 4"):
+    with pytest.raises(np.linalg.LinAlgError):
         kernels.hermitian_inverses(C)
 
 

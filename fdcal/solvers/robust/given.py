@@ -224,8 +224,7 @@ def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float |
         order = as_given.copy()
         order[[i, j]] = j, i
         tried.append((all_right, order))
-    weighed = [_weighed(found, known, places, *one, stated) for one in tried]
-    return sorted(weighed, key=lambda one: -one.log_evidence)
+    return sorted((_weighed(found, known, places, *one, stated) for one in tried), key=lambda one: -one.log_evidence)
 
 
 # prior probability that a given position is wrong, or that two are exchanged; with 0.2 the errors of 2 of 32 arrays

@@ -99,8 +99,7 @@ def estimate_at(
     found = result(problem, replace(state, converged=converged, finished=True))
     # The minimum of the other cost is elsewhere: a remaining Newton step of the likelihood does not mean that the
     # solver stopped early.
-    spread = replace(found.spread, step=np.zeros_like(found.spread.step))
-    return replace(found, spread=spread, interpolates=True)
+    return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)), interpolates=True)
 
 
 def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknowns) -> GivenEstimate:
@@ -110,8 +109,7 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
 
     def probability(kept: np.ndarray) -> float:
         priors = replace(every, known=problem.known[kept], places=problem.known_positions[kept])
-        constrained = replace(objective, priors=priors)
-        return _agreement(constrained, here, at_objective, claim.excess)
+        return _agreement(replace(objective, priors=priors), here, at_objective, claim.excess)
 
     expected = GIVEN_SIGMA if state.settings.known_sigma is None else state.settings.known_sigma
     stiffness, terms = every.of_known(state.positions)[2], (at_objective, claim.weakened.terms)

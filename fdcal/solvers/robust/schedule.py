@@ -62,8 +62,7 @@ def next_restart(problem: Problem, state: State) -> State:
         at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
         state = replace(at_best, model=best.model, progress=progress)
         state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
-        state = given.resolved(problem, state)
-        return refined(problem, noise.with_last_field(problem, state))
+        return refined(problem, noise.with_last_field(problem, given.resolved(problem, state)))
     first, *others = state.starts
     return begin_restart(problem, replace(state, starts=tuple(others)), first.positions)
 
