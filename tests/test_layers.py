@@ -86,8 +86,7 @@ def modules_of(path: Path) -> set[str]:
 
 
 def test_the_packages_are_those_of_the_plan_and_none_asks_the_root():
-    folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
-    assert folders == set(PACKAGES)
+    assert {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} == set(PACKAGES)
     assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py"}
     public = {"fdcal", *(f"fdcal.{name}" for name in fdcal.PUBLIC)}
     assert not [name_of(path) for path in INSIDE if imports(path) & public]

@@ -192,7 +192,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
 def result(problem: Problem, state: State) -> Estimate:
     """Return what descent has found; its uncertainty comes from the likelihood, because Eq. 7 does not model noise."""
-    return estimate_at(problem, state.settings, state.positions, state.modes, state.converged)
+    return estimate_at(problem, state.settings, state.positions, state.modes, state.finished)
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:

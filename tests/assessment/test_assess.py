@@ -196,8 +196,7 @@ def test_a_contradiction_of_windows_and_rows_is_said(estimate):
 
 def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
     moved = with_given_moved(estimate, 2)
-    named = {fault.name for fault in assess(moved).channels.faults}
-    assert named == {"0", "5"}
+    assert {fault.name for fault in assess(moved).channels.faults} == {"0", "5"}
     for lost, verdict in (
         (replace(moved, converged=False), "not_converged"),
         (with_step(moved, 5.0), "not_converged"),

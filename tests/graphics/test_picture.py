@@ -153,8 +153,7 @@ def test_in_space_the_room_is_a_box_and_the_map_lies_under_the_array(ball):
     assert drawn.z_range == (0.8, 1.8) and drawn.floor.height == 0.8
     edges = np.concatenate([part(drawn, name).segments for name in ("room/edges", "room/box")])
     np.testing.assert_allclose(np.ptp(edges.reshape(-1, 3), axis=0), scene.room.size, atol=0.01)
-    upright = np.abs(edges[:, 1] - edges[:, 0])[:, 2] > 2.4
-    assert upright.sum() == 5, "four edges and the stem of the source"
+    assert (np.abs(edges[:, 1] - edges[:, 0])[:, 2] > 2.4).sum() == 5, "four edges and the stem of the source"
     assert "room/walls" not in names(drawn)
     diamond = part(drawn, "lowest").vertices
     assert np.all((diamond[:, 2] > 0.8) & (diamond[:, 2] < 0.8 + drawn.marker_radius))

@@ -67,8 +67,7 @@ def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_col
         share = (level - volume.bar.low) / (volume.bar.high - volume.bar.low)
         brightest = volume.surface.texture[row, -1, :3].astype(int)
         assert np.abs(brightest - to_rgb(np.array(share))).max() <= 3
-    drawn = rows[volume.surface.faces[:, 0]]
-    assert np.all(np.diff(drawn) >= 0)
+    assert np.all(np.diff(rows[volume.surface.faces[:, 0]]) >= 0)
     opacity = volume.surface.texture[:, 0, 3]
     assert np.all(np.diff(opacity.astype(int)) < 0) and 100 < opacity.max() < 200
     light, dark = (one.surface.texture.astype(int) for one in (volume, brightened(volume)))
@@ -120,7 +119,6 @@ def test_the_png_shows_surfaces_and_the_lowest_cost_in_their_places(picture, pai
     bare, at = image_of(painted, with_volume(picture, None), "top")
     drawn, at = image_of(painted, surfaces, "top")
     column, row = at(CENTRE + [(volume.levels[-1] + 40) / 50 * 0.9, 0, 0])
-    inside = drawn[row, column]
-    assert np.abs(inside - bare[row, column]).sum() > 20, "the outermost isosurface is not there"
+    assert np.abs(drawn[row, column] - bare[row, column]).sum() > 20, "the outermost isosurface is not there"
     column, row = at([CENTRE[0] + low + 0.1, CENTRE[1] + 0.25, middle])
     np.testing.assert_allclose(drawn[row, column], 255, atol=2)

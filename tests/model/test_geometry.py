@@ -136,8 +136,7 @@ def test_alignment_undoes_any_rigid_motion(dimension, mirror):
     truth = rng.normal(size=(12, dimension))
     Q = np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
     Q[:, 0] *= mirror
-    aligned = align(truth @ Q + rng.normal(size=dimension), truth)
-    assert position_errors(aligned, truth) == pytest.approx(0, abs=1e-12)
+    assert position_errors(align(truth @ Q + rng.normal(size=dimension), truth), truth) == pytest.approx(0, abs=1e-12)
     assert position_errors(align(2 * truth, truth), truth).max() > 0.1, "no scaling"
     flat = np.eye(dimension + 1, dimension)  # spans the space
     assert fixes_gauge(flat) and not fixes_gauge(flat[:-2]) and not fixes_gauge(np.outer(np.arange(4.0), flat[0] + 1))

@@ -265,8 +265,7 @@ def test_positions_of_an_unknown_kind_of_file_are_said_to_be_so(tmp_path, capsys
     (tmp_path / "places.psv").write_text("name|x|y\n0|1|2\n")
     soundfile.write(tmp_path / "one.wav", np.random.default_rng(0).normal(size=(8000, 4)) / 10, 8000)
     assert exit_code("calibrate", tmp_path / "one.wav", "--known", tmp_path / "places.psv") == 2
-    error = capsys.readouterr().err
-    assert "is not a list of positions; give a file .cfg, .csv" in error
+    assert "is not a list of positions; give a file .cfg, .csv" in capsys.readouterr().err
 
 
 def test_a_list_without_check_points_to_it(exchanged, capsys):

@@ -82,6 +82,5 @@ def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement
     save_measurement(measurement, path)
     assert load_measurement(path).nominal and replace(measurement, names=None).nominal
     assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
-    table = ROOT / "examples" / NAME / "nominal.csv"
-    assert not fdcal.load(path, positions=table).nominal
+    assert not fdcal.load(path, positions=ROOT / "examples" / NAME / "nominal.csv").nominal
     refuses("nominal = 1 must be true or false", replace, measurement, nominal=1)

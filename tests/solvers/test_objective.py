@@ -297,5 +297,4 @@ def test_the_sigmas_of_the_arrivals_survive_a_session(four):
     state = solver.init(problem, SolverSettings(modes=len(four.frequencies)), 0)
     while state.model.arrival_sigma is None:
         state = solver.step(problem, state)
-    read = saved_and_read(problem, state)
-    assert np.array_equal(read.model.arrival_sigma, state.model.arrival_sigma)
+    assert np.array_equal(saved_and_read(problem, state).model.arrival_sigma, state.model.arrival_sigma)

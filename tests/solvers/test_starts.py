@@ -144,8 +144,7 @@ def test_the_search_ends_when_two_starts_agree_and_none_has_ended_elsewhere():
     assert again.hits == 2 and search.is_complete(problem, state)
     elsewhere = replace(one, positions=one.positions * 1.3, cost=one.cost + 1)
     assert not search.is_complete(problem, replace(state, starts=(again, elsewhere)))
-    enough = replace(again, hits=search.AGREEING)
-    assert search.is_complete(problem, replace(state, starts=(enough, elsewhere)))
+    assert search.is_complete(problem, replace(state, starts=(replace(again, hits=search.AGREEING), elsewhere)))
 
 
 def test_four_arrays_are_refined_at_most_none_far_less_likely_and_singular_ones_if_there_are_no_others():

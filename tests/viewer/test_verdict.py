@@ -60,8 +60,7 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
     assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
     np.testing.assert_allclose(found.channels.gain_db, printed.channels.gain_db)
     assert ellipses_of(found).shape == (16, 2, 2) and ellipses_of(None) is None
-    other = replace(state, step=99)
-    assert made.of(view_of([other]), now)[:2] == (None, True), "of another state"
+    assert made.of(view_of([replace(state, step=99)]), now)[:2] == (None, True), "of another state"
 
 
 def test_the_line_is_coloured_by_the_code():

@@ -68,10 +68,10 @@ def result(problem: Problem, state: State) -> Estimate:
     )
 
 
-def estimate_at(
-    problem: Problem, settings: SolverSettings, positions: Reals, modes: slice, converged: bool
-) -> Estimate:
+def estimate_at(problem: Problem, settings: SolverSettings, positions: Reals, modes: slice, ended: bool) -> Estimate:
     """Return the estimate at positions (N, D), metres, that a solver with another cost has found.
+
+    ended : whether the run of that solver has ended
 
     Channels count as matched and given positions as exact; the noise is what the likelihood leaves unexplained. With an
     uncertain sound speed, positions and speed move to the nearest minimum of the likelihood.
@@ -96,7 +96,7 @@ def estimate_at(
     if objectives.speed_is_free(problem, state):
         objective = objectives.objective_of(problem, state, objectives.used_modes(problem, state))
         state = objectives.with_unknowns(state, objectives.descend(objectives.unknowns_of(state), objective, 60)[0])
-    found = result(problem, replace(state, converged=converged, finished=True))
+    found = result(problem, replace(state, finished=ended))
     # The minimum of the other cost is elsewhere: a remaining Newton step of the likelihood does not mean that the
     # solver stopped early.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)), interpolates=True)
