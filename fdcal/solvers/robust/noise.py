@@ -87,7 +87,8 @@ MIN_SPREAD = 1e-4
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
 # expected error of a given coordinate, metres, and its weight as a number of positions; without them an array with a
-# wrong given position and an error of 27 mm gets the verdict "good", and the 95 % ellipses cover 92.1 instead of 93.8 %
+# wrong given position and an error of 27 mm gets the verdict "good", and the 95 % ellipses cover 2 percentage
+# points fewer of the true positions
 EXPECTED_GIVEN = 2e-3
 KNOWN_COUNT = 2
 
