@@ -182,7 +182,7 @@ def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int)
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
-    X: Complexes = np.linalg.inv(np.linalg.cholesky(C))
+    X = np.linalg.inv(np.linalg.cholesky(C))
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
     return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)
