@@ -1,4 +1,4 @@
-"""Draw the cost of moving one microphone: many minima at each frequency, one that all frequencies share.
+"""Draw the cost of moving one microphone: it has many minima at each frequency, and only one is common to all.
 
 Usage: python 04_landscape_of_one_microphone.py [SCENE]
 """

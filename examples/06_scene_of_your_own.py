@@ -1,6 +1,6 @@
 """Simulate a room and an array of your own, and compare numbers of frequencies.
 
-A scene is a frozen dataclass, as its .toml file has it: `dataclasses.replace` changes a copy.
+A scene is a frozen dataclass with the keys of its .toml file; `dataclasses.replace` returns a changed copy.
 """
 
 from dataclasses import replace

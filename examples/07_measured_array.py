@@ -1,6 +1,7 @@
 """Find seven real microphones from four takes: recordings with the loudspeaker at four places.
 
-Impulse responses of a laboratory, from R3VIVAL (CC BY 4.0, see frl_array/LICENSE.md), on a sphere of 5 cm radius.
+The recordings are impulse responses of a laboratory from R3VIVAL (CC BY 4.0, see frl_array/LICENSE.md). Six microphones
+are on a sphere of 5 cm radius, and one is at its centre.
 """
 
 from pathlib import Path

@@ -1,7 +1,7 @@
 """What a beamformer gains from a calibration: maps of two sources before and after it.
 
-Delay and sum of plane waves at one frequency. Acoular draws the same maps from `found.export("array.xml")` and
-`found.export("calib.xml", table="gains")`; here a few lines of NumPy draw them.
+The beamformer is delay-and-sum for plane waves at one frequency. Acoular draws the same maps from
+`found.export("array.xml")` and `found.export("calib.xml", table="gains")`; here a few lines of NumPy draw them.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ recorded = gains * (np.exp(1j * k * true @ sources.T) @ [1, 10 ** (-10 / 20)])
 
 
 def beam_map(positions, signals) -> np.ndarray:
-    """Amplitude in every direction, 1 for the stronger source alone."""
+    """Return the amplitude in every direction; the stronger source alone would give 1."""
     return np.abs(np.exp(-1j * k * looks @ positions.T) @ signals) / count
 
 
