@@ -294,7 +294,7 @@ def scenes():
     for name in scene_names():
         try:
             print(f"{name:<16} {load_scene(name).title}")
-        except InputError as error:  # the others are listed all the same
+        except InputError as error:  # the other scenes are listed nevertheless
             faults.append(error)
     if faults:
         raise faults[0]

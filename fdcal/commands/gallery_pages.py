@@ -100,7 +100,7 @@ def lesson_html(lesson: Lesson, following: str = "", measurement: Measurement | 
 
     Steps that show a standing wave are left out, because the page can compute only maps of the cost.
 
-    `measurement`: that of the lesson's only scene; without it, the scenes are simulated.
+    `measurement`: the measurement of the lesson's only scene; without it, the scenes are simulated.
     """
     lesson = replace(lesson, steps=tuple(step for step in lesson.steps if step.page.map != "shape"))
     scenes, groups, steps = list[tuple[Scene, int]](), list[list[LessonSetting]](), list[dict]()

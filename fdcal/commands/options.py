@@ -124,7 +124,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for source in map(Path, filter(None, inputs)):
-        linked = source.exists() and path.exists() and source.samefile(path)  # as hard links are
+        linked = source.exists() and path.exists() and source.samefile(path)  # true for hard links, too
         if linked or os.path.realpath(source) == os.path.realpath(path):
             raise InputError(f"-o {text} is the input itself; it is not overwritten", "choose another", key="output")
     if path.exists() and not force:

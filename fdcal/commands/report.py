@@ -115,7 +115,7 @@ def takes_report(
     if wrong or any(FAULTS[fault.kind].mend for fault in faults):
         lines.append("next    correct the channels, and record this take again")
     else:
-        after = sigma * float(np.sqrt(takes / (takes + 1)))  # with the information of an average take
+        after = sigma * float(np.sqrt(takes / (takes + 1)))  # if the next take has the information of an average take
         lines.append(f"next    {NEXT}: another take reduces one sigma to about {length_text(after, 2)}")
     kinds = {fault.name: fault.kind for fault in faults}
     axes = "xyz"[: result.positions.shape[1]]

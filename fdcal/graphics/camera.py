@@ -27,7 +27,7 @@ class Camera:
     look_at: tuple[float, float, float]
     up: tuple[float, float, float]  # (3,)
     fov: float  # vertical field of view, radians; 0 for parallel projection, which a small one from far away resembles
-    height: float  # from bottom to top of the image at `look_at`, metres
+    height: float  # height of the visible part of the scene at `look_at`, metres
 
 
 def camera_for(

@@ -156,7 +156,7 @@ def wave_floor(
     it is the pressure that microphone `n` measured. Diamonds mark where the lines of several modes cross.
 
     `n`: the microphone, counted from 0; `waves`: number, counted from 1, and name of each mode, MAX_WAVES at most;
-    `height`: of the map, metres; `marked`: whether there are lines and diamonds.
+    `height`: height of the map, metres; `marked`: whether lines and diamonds are drawn.
     """
     from contourpy import contour_generator
 

@@ -88,7 +88,7 @@ def chart(
         at, end = (a, "start") if a - first < last - b else (b, "end")
         beside = [across(n) - across(at) for n in x]
         covers = np.array([0 < (-d if end == "end" else d) + POINT < LETTER * len(word) + 2 * POINT for d in beside])
-        heights = down(level) - 5, down(level) + 13, top + 8  # of the word: above the line, below it, at the upper edge
+        heights = down(level) - 5, down(level) + 13, top + 8  # of the word: over the line, below it, at the top
         hidden = [np.sum(np.abs(down(y[covers]) - (at - 4)) < 5 + POINT) for at in heights]
         place = f"x='{across(at):.1f}' y='{heights[int(np.argmin(hidden))]:.1f}' text-anchor='{end}'"
         parts.append(f"<text class='mean' {place}>{word}</text>")
@@ -113,7 +113,7 @@ def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
             f"{channels.noise_db[n]:+z.1f}",
         )
         rows.append((cells, style))
-        if fault:  # in a row of its own, because the panel is narrow
+        if fault:  # in a separate row, because the panel is narrow
             rows.append(((escape(fault),), style))
     return table(HEAD, rows)
 

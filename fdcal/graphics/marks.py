@@ -26,7 +26,7 @@ LOWEST = (255, 132, 0)
 TRAIL, ELLIPSE, FAULTY = (240, 130, 200), (255, 110, 60), (128, 0, 255)
 POINTED = (0, 130, 100)
 SAME = (0, 0, 0), (0, 130, 60), (140, 0, 140)  # colours of lines of equal pressure
-LOW_COST = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
+LOW_COST = (59, 82, 139)  # colour of COLOUR_MAP at a quarter of the scale
 CIRCLE_SIDES = 24
 Curve = tuple[tuple[float, float], ...]
 

@@ -130,7 +130,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
     seen_whole = several or scene.room.dimension == 3  # then the room may be far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     angles = np.pi / 4 * np.arange(4)
-    arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of a star
+    arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of the star for a source
     for number, place in enumerate(places):
         name, text = (f"source/{number}", f"source, take {number}") if several else ("source", "source")
         parts += strokes(name, place + np.stack([-arms, arms], axis=1), radius, 0.4, "microphones/true")
@@ -301,7 +301,7 @@ def with_estimate(
     others = np.concatenate([positions[:, :2], minima] if truth is None else [positions[:, :2], minima, truth[:, :2]])
 
     def named(n: int, words: str, name: str) -> Label:
-        """Return the name of a microphone where it hides the fewest marks."""
+        """Return the label of a microphone, placed where it hides the fewest marks."""
         text = f"microphone {measurement.names[n]}{words}"
         (x, y), anchor = name_place(text, positions[n, :2], np.delete(others, n, axis=0), picture.focus, radius)
         z = float(on_layer(positions[[n]], base, radius, Layer.SELECTED)[0, 2])
@@ -350,7 +350,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the smallest factor that makes most error ellipses visible beside `extent`, metres.
+    """Return 1, 2, 5, 10, ...: the least factor that makes most error ellipses visible beside `extent`, metres.
 
     `axes` (N, D, D), metres, half axes in rows, the longest last.
     """
@@ -366,7 +366,7 @@ def ellipse_scale(axes, extent: float) -> float:
 def with_ellipses(
     picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
 ) -> Picture:
-    """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
+    """Return the picture with an error ellipse around each microphone whose ellipse is larger than a dot.
 
     The ellipses are drawn enlarged by `scale`. The legend states this factor, or that the ellipses are too small to be
     seen, and then `note`. `axes`: see `ellipse_scale`; in space the two longest half axes span the ellipse.
@@ -450,7 +450,7 @@ def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
 
 
 def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str = "") -> Picture:
-    """Return the picture with a ball in place of the cross of the selected microphone.
+    """Return the picture with a ball instead of the cross of the selected microphone.
 
     `place` (D,) float64, metres: position of the ball; `floor`: a map in relief, on which the ball lies, or None;
     `path` (P, D) float64, metres: its path downhill, or None; `text`: the text beside the ball; "": the microphone's

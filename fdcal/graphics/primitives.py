@@ -145,7 +145,7 @@ def by_rank(labels: Iterable[Label]) -> list[Label]:
 class Curve:
     """A line on a map."""
 
-    text: str  # in the legend
+    text: str  # text in the legend
     segments: np.ndarray  # (S, 2, 2) float32, metres
 
 
@@ -163,7 +163,7 @@ class Floor:
     minima: tuple[tuple[float, float], ...] = ()  # positions of the other local minima, metres
     show_minima: bool = True  # whether diamonds mark the minima
     heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a relief; None for a flat map
-    curves: tuple[Curve, ...] = ()  # on a flat map, three at most
+    curves: tuple[Curve, ...] = ()  # lines on a flat map, three at most
     captions: tuple[tuple[str, str], ...] = ()  # see `Picture.captions`
 
 
@@ -183,7 +183,7 @@ class Picture:
     title: str = ""
     # lowest and highest z, metres, which differ for an array in space; the map lies at the lowest
     z_range: tuple[float, float] = (0.0, 0.0)
-    surfaces: tuple[Surface, ...] = ()  # in space
+    surfaces: tuple[Surface, ...] = ()  # isosurfaces in space
     # pairs of the name of a part and its text in the legend, if it is not that of `fdcal.graphics.marks`
     captions: tuple[tuple[str, str], ...] = ()
 

@@ -229,7 +229,7 @@ def _state_data(
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
     counted = free if len(free) else slice(None)
-    if measurement.blind and truth is not None:  # by the same microphones as `Calibration.positions_for`
+    if measurement.blind and truth is not None:  # aligned by the same microphones as in `Calibration.positions_for`
         positions = np.array([align(estimate, truth, counted) for estimate in positions])
     origin = positions[-1].mean(axis=0)
     unit = float(np.abs(positions - origin).max()) / POSITION_LEVELS or 1.0
@@ -240,7 +240,7 @@ def _state_data(
         gains = np.array([none if (one := state.channels) is None else one.gains for state in states], complex)
         noise = np.array([none if (one := state.channels) is None else one.noise for state in states], float)
         arrays |= {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
-    if reference_cost is not None:  # in dB; interpolated between MAX_COSTS states at most and `ends`
+    if reference_cost is not None:  # dB; interpolated between MAX_COSTS states at most, and `ends`
         computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)
         costs = np.array([reference_cost.of(states[i]) for i in computed])
         finite = np.isfinite(costs)
@@ -259,8 +259,8 @@ MARK_EDGE = 6  # width and height of a symbol in this picture, pixels
 def index_html(title: str, introduction: str, entries: Sequence[tuple[str, ...]], opening: str) -> str:
     """Return the index page of a gallery.
 
-    `entries`: of each page the address (file, # and view), the title, a description, a line of figures (solver, mean
-    error, size) and the HTML of a picture; `opening`: the address of the page that plays above the entries.
+    `entries`: for each page its address (file, # and view), title, description, a line of figures (solver, mean error,
+    size) and the HTML of a picture; `opening`: the address of the page that plays above the entries.
     """
     cards = "\n".join(
         f'<a href="{escape(file)}">{picture}<h2>{escape(name)}</h2><p>{escape(text)}</p>'

@@ -103,7 +103,7 @@ def legend_of(picture: Picture) -> tuple[Mark, ...]:
     seen |= {part.name for part in picture.meshes if len(part.faces)}
     seen |= {"isosurfaces"} if picture.surfaces else set()
     captions, circle = dict(picture.captions), MARKS["microphones/true"]
-    # a known microphone has its square in the circle
+    # the square of a known microphone is inside its circle
     changes = {"microphones/known": {"size": 0.29, "below": circle}} if circle.name in seen else {}
     return tuple(
         replace(mark, text=captions.get(name, mark.text), **changes.get(name, {}))
@@ -165,7 +165,7 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     outlined |= {"stroke_width": max(round(2.5 * scale), 1), "stroke_fill": picture.theme.background}
     for label, place in uncovered(draw, picture, camera, letters):
         draw.text(place, label.text, anchor=ANCHORS[label.anchor], **outlined)
-    if picture.title:  # on a rectangle of the background's colour, in the upper left corner
+    if picture.title:  # drawn in the upper left corner, on a rectangle of the background's colour
         place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
         end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
         large = font(points * min(1.0, (size[0] - 2 * place[0]) / (end - place[0])))

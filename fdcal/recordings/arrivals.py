@@ -39,7 +39,7 @@ class ArrivalRules:
     min_window: float = 2.5e-4  # seconds
     taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # least ratio of the peak to the largest amplitude before its window
-    min_correlation: float = 0.7  # with the template
+    min_correlation: float = 0.7  # least correlation of a window with the template
     span: float = 0.02  # seconds, largest difference of an arrival from the median, as in an array of some metres
     rounds: int = 4  # iterations of the template and the times
     # `a` of the equation above. With a = 1, sigma would be 1.1 mm where the errors are 0.3 mm (rooms of image sources),

@@ -93,7 +93,7 @@ class SegmentSettings:
 
 
 SEGMENTS = SegmentSettings()
-# Limits for further eigenvectors, each of which gives a row of its own
+# Limits for further eigenvectors, each of which gives one more row
 MAX_RANK = 8  # rows of one frequency
 OVER_NOISE = 2.0  # eigenvalue relative to the largest that noise alone has
 OVER_LEAKAGE = 4.0  # eigenvalue relative to that which the window causes for a single source

@@ -48,8 +48,8 @@ ROWS = RowLimits()
 def default_max_rows(microphones: int, takes: int = 1) -> int:
     """Return the default largest number of rows of each take.
 
-    It only bounds the computing time. It is divided by the number of takes, since rows of another take carry more
-    information than rows that are closer in frequency.
+    This number only bounds the computing time. It is divided by the number of takes, because rows of another take carry
+    more information than rows that are closer in frequency.
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
     every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)
@@ -75,7 +75,7 @@ class Pressures:
     # (M,) float64 or None, in the unit of abs(pressures)**2; None where it cannot be estimated
     noise_power: np.ndarray | None
     how: str  # the method, in words
-    spacing: Spacing  # of the frequencies
+    spacing: Spacing  # useful spacing of the frequencies
 
 
 class NothingAboveNoise(InputError):
@@ -121,15 +121,15 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
 # Frequencies at which the coherence of a recording is computed
 COHERENCE_COUNT = 300  # number of frequencies, in equal ratios
 COHERENCE_RANGE = 40.0  # decibels below the strongest frequency, down to which frequencies are used
-COHERENCE_SAMPLES = 2**27  # of all channels; the coherence of a longer recording is not computed
+COHERENCE_SAMPLES = 2**27  # largest number, all channels together, of which the coherence is computed
 
 
 @dataclass(frozen=True)
 class FrequencyLimit:
     """The highest frequency that an array can interpolate."""
 
-    limit: float | None  # Hz; None where the radius is unknown
-    radius: float  # of the array, from which the limit follows, metres; 0 where it is unknown
+    limit: float | None  # Hz; None if the radius is unknown
+    radius: float  # radius of the array, from which the limit follows, metres; 0 if it is unknown
     words: str  # the radius and its origin, arguments in angle brackets
     estimated: bool = False  # whether the radius is estimated from the coherence
 

@@ -191,8 +191,8 @@ def impulse_response_pressures(
 ) -> Pressures:
     """Return the pressures of an impulse response; the part in which the sound is below the noise is left out.
 
-    `max_rows`: maximum number of frequencies; `noise`: power of the noise in one sample of the transform, where it is
-    known; else it is estimated from the tail.
+    `max_rows`: maximum number of frequencies; `noise`: power of the noise in one sample of the transform, if it
+    is known; otherwise it is estimated from the tail.
     """
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"

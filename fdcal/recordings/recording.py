@@ -47,7 +47,7 @@ class Recording:
     block: Block
     names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
     positions: np.ndarray | None = None  # (N, D) float64, metres, of the microphones; None if the file has none
-    sound_speed: MetresPerSecond | None = None  # as the file states it
+    sound_speed: MetresPerSecond | None = None  # None if the file does not state it
     full_scale: float | None = None  # greatest value that a sample can have
     lowest: float = 0.0  # lowest frequency that the recording contains, Hz
 

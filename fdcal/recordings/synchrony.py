@@ -78,7 +78,7 @@ class ChannelDelays:
         return found
 
     def unknown(self, names: tuple[str, ...]) -> list[str]:
-        """Return the channels whose clock is unknown, since they are hardly coherent with the others."""
+        """Return the channels whose clock is unknown, because they are hardly coherent with the others."""
         few, faults = np.isfinite(self.delays).sum(axis=1) < SYNCHRONY.fewest, self.faults(names)
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
@@ -97,7 +97,7 @@ class ChannelDelays:
 
 
 def channel_delays(recording: Recording) -> ChannelDelays | None:
-    """Return the delays of the channels of a stationary recording over time; None where it is too short."""
+    """Return the delays of the channels of a stationary recording over time; None if it is too short."""
     fs, rules, N = recording.sample_rate, SYNCHRONY, recording.count
     count = min(rules.stretches, int(recording.duration / rules.shortest))
     if count < rules.fewest or N < 3:
@@ -114,7 +114,7 @@ def channel_delays(recording: Recording) -> ChannelDelays | None:
             break
     best[:, np.isfinite(best).sum(axis=0) < 3] = np.nan  # with two channels it is unknown which one is faulty
     best -= [_median(row) for row in best.T]
-    changes = np.diff(best)  # of a drift: all are equal; of a jump: all but one are zero
+    changes = np.diff(best)  # for a drift all are equal; for a jump all but one are zero
     scatter = np.array([_median(np.abs(row - _median(row))) for row in changes]) * 1.4826 / np.sqrt(2)
     limit = np.maximum(rules.min_change, rules.scatter * np.maximum(scatter, np.median(scatter)))
     return ChannelDelays((np.arange(count) * step + span / 2) / fs, best, limit)

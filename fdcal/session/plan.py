@@ -413,7 +413,7 @@ def arrival_matrix(positions: np.ndarray, source: np.ndarray, D: int) -> np.ndar
     (N, size), rules, away = positions.shape, FORECAST, positions - source
     path = np.linalg.norm(away, axis=1)
     along, each = away / path[:, None], np.arange(N)[:, None]
-    slopes = np.zeros((N, N * D + 1))  # of -r
+    slopes = np.zeros((N, N * D + 1))  # derivatives of -r
     slopes[each, D * each + np.arange(D)] = along[:, :D]
     slopes[:, -1] = np.median(path) - path
     basis = np.linalg.svd(np.column_stack([along, np.ones(N)]), full_matrices=False)[0][:, : size + 1]

@@ -103,7 +103,7 @@ class SessionView:
     """What a session shows; never changed after it is published."""
 
     state: Any  # the solver state at `index`
-    index: int  # of the state in the history that is shown; the run continues from it
+    index: int  # index, in the history, of the state that is shown; the run continues from this state
     history: tuple = field(compare=False)  # states, oldest first
     running: bool = False  # whether steps are being taken
     error: str = ""  # text of the last exception of the solver, "" if there is none
@@ -282,7 +282,7 @@ class SolverRun:
 
 
 def command(method: Callable[Concatenate[SolverRun, P], None]) -> Callable[Concatenate["Session", P], None]:
-    """Return the method of a session that has its thread call a method of `SolverRun`."""
+    """Return a method of `Session` that makes the solver thread call a method of `SolverRun`."""
 
     def request(self: "Session", *arguments: P.args, **named: P.kwargs) -> None:
         self._commands.put((method, arguments, named))
@@ -290,7 +290,7 @@ def command(method: Callable[Concatenate[SolverRun, P], None]) -> Callable[Conca
     return functools.update_wrapper(request, method)
 
 
-NEWEST_ONLY = (SolverRun.seek, SolverRun.use_modes, SolverRun.pace)  # of several in a row only the last is executed
+NEWEST_ONLY = (SolverRun.seek, SolverRun.use_modes, SolverRun.pace)  # of several in a row only the last one counts
 YIELD_TIME = 0.15  # s without a step after a request by the user
 
 
@@ -332,7 +332,7 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """Processor time of a step, s: the minimum of the last three, since one may include compilation."""
+        """Processor time of a step, s: the minimum of the last three, because one may include compilation."""
         return min(self._run.spent.copy())
 
     def yield_to_ui(self) -> None:
@@ -391,7 +391,7 @@ class Session:
 
     @property
     def _no_step_before(self) -> float:
-        """Time, as of `time.monotonic`, until which the solver takes no step, so that the page can respond."""
+        """Reading of `time.monotonic` until which the solver takes no step, so that the page can respond."""
         return min(self._yield_to, self._yield_from + 2 * YIELD_TIME)
 
     def _pending(self) -> list[tuple | None]:

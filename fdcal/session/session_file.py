@@ -157,7 +157,7 @@ class StateReader:
         return self._read[tuple(place)]
 
     def _check(self, key: str, value: Any, given: Any) -> None:
-        """Raise InputError unless a state of this problem can have `value` in a field; the file has it as `given`."""
+        """Raise InputError unless a state of this problem can have `value` in field `key`; `given`: as in the file."""
         name = f"states.{key}"
         if dataclasses.is_dataclass(value) and value is not given:
             fields = [field.name for field in dataclasses.fields(value)]

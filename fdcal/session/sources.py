@@ -205,8 +205,8 @@ class OpenRequest:
     # states of the solver, oldest first, with which the history begins; () for the start of the solver
     states: tuple = ()
     index: int | None = None  # index of the state that is shown; None for the last state
-    # values of the page's controls, by the names of `viewer.state.Choices` and `viewer.cost_maps.MapStyle`; the style
-    # of the previous page is kept where none is given
+    # values of the page's controls, by the names of `viewer.state.Choices` and `viewer.cost_maps.MapStyle`; a style
+    # that is not given stays as it was on the page
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False  # whether the solver starts to run at once
     fewer_modes: bool = False  # whether the number of modes is reduced to those that the measurement has

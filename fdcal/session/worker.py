@@ -55,7 +55,7 @@ class Lane:
         return not self.thread.is_alive()
 
     def carry_out_one(self, besides: "LatestWorker | None" = None) -> bool:
-        """Carry out one request of a worker other than `besides`, on this thread; return whether there was one."""
+        """Carry out a request of a worker other than `besides`, on this thread; return whether there was a request."""
         with self.changed:
             worker = next((one for one in self.workers if one.waiting and one is not besides), None)
             if worker is None or self._closed:

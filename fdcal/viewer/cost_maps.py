@@ -63,7 +63,7 @@ class CostMapRequest:
     lineage: object = field(compare=False)  # lineage of the history to which the state belongs
 
     def replaces(self, wanted: "CostMapRequest", running: bool) -> bool:
-        """Return whether this map may be shown in place of `wanted`; while the solver runs, it may be an older one."""
+        """Return whether this map may be shown instead of `wanted`; while the solver runs, an older map may be."""
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (
@@ -87,7 +87,7 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     if together:
         unit = "dB re the highest" if request.style.log else "nats"
         return f"negative log-likelihood above its lowest ({unit})"
-    # of the pressures as they are
+    # the unit is that of the pressures, which are scaled only with weights "unit"
     return f"cost, Eq. 7 ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
 
 
@@ -224,9 +224,9 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        # of volumes, by whether they are fine: the values, and what is drawn of them, except the layer
+        # for volumes, with the key True for fine ones: their values, and their isosurfaces
         self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
-        self._costs, self._fine_costs = Memo(), Memo()  # maps of single modes and minima, of each thread
+        self._costs, self._fine_costs = Memo(), Memo()  # costs and minima of the last map on each thread
         self.worker = threads.worker(self._compute, quick=True)
         self._fine_worker = threads.worker(self._compute_fine)
 

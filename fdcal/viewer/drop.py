@@ -37,12 +37,12 @@ from .cost_maps import CostMap
 from .html import Overlay
 from .state import Binding
 
-HANDLE_RADIUS = 1.7  # in radii of a marker
+HANDLE_RADIUS = 1.7  # radius of a handle, in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
 FIXED = 0.9  # of microphones that cannot be dragged, so that a finger hits the others more easily
 BALL = 1.6  # of the ball, which users drag more often than other microphones
 SPECK = 1e-3  # of handles that no pointer should hit: those in the corners of the search domain, and all at first
-HANDLE_HEIGHT = 14 / 24  # of a handle's centre over the floor, in radii of a marker
+HANDLE_HEIGHT = 14 / 24  # height of a handle's centre over the floor, in radii of a marker
 
 
 ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
@@ -230,7 +230,7 @@ class Drop:
                 cost, search = drawn.sampled.cost, drawn.sampled.search
             else:
                 n, modes, order = request.microphone, request.modes, request.order_offset
-                search = lattice_of(run.problem, modes)  # on which the minima of the map were found
+                search = lattice_of(run.problem, modes)  # the lattice on which the minima of the map were found
                 cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
             found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
         cost, search, basins = found
@@ -245,7 +245,7 @@ class Drop:
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
 
 
-NUMBERS = itertools.count()  # of the nodes of the handles, each of which has its own name
+NUMBERS = itertools.count()  # for the names of the nodes of handles, which must differ
 Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ends
 
 

@@ -29,7 +29,7 @@ from .server import REGIONS, content
 from .server.process import log_location
 
 CARD = "padding: 0.15em 0.75em; font-size: var(--text); line-height: 1.5;"
-RED = "color-mix(in srgb, #d61828 65%, currentcolor)"  # of errors and warnings, readable on a dark page, too
+RED = "color-mix(in srgb, #d61828 65%, currentcolor)"  # colour of errors and warnings, also readable on a dark page
 DIM = "<span style='opacity: 0.65'>"
 MAX_ERROR_LENGTH = 400  # characters of an exception
 NO_DOMAIN = (

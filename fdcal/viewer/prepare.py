@@ -240,7 +240,7 @@ COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
 
 
 class SessionSwitcher:
-    """Prepares the newest request on a thread of its own.
+    """Prepares the newest request on its own thread.
 
     `current` is the preparation in progress, or None; `error` the exception of the last request, or None. `call` runs
     a function on viser's event loop.

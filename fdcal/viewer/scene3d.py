@@ -103,7 +103,7 @@ class Cameras:
     _server: viser.ViserServer
     picture: Picture | None = None  # the picture on the screen
     view: str = "top"  # view in which a page opens, one of graphics.camera.VIEWS
-    # whether larger type, and the caption of a lesson, need space beside the picture
+    # lecture, caption: whether larger type, and the caption of a lesson, need space beside the picture
     lecture: bool = False
     caption: bool = False
     pages: dict[int, PageCamera] = field(default_factory=lambda: collections.defaultdict(PageCamera))  # by client
@@ -308,7 +308,7 @@ Part = Lines | Mesh | Floor | Surface
 class SceneNodes:
     """Owns the nodes of one scene, which all pages share.
 
-    `cameras`: of the pages; `parts`: the primitives in the scene, by name.
+    `cameras`: places the cameras of the pages; `parts`: the primitives in the scene, by name.
     """
 
     def __init__(self, server: viser.ViserServer):

@@ -59,7 +59,7 @@ class VerdictWorker:
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._state, self._since = run, None, 0.0
         self._requested: RunState | None = None  # compared by identity
-        self._lineage, self._sought = None, run.sought  # of the last verdict
+        self._lineage, self._sought = None, run.sought  # those of the last verdict
         self._worker = threads.worker(self._compute)
 
     def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
@@ -120,7 +120,7 @@ class SessionPicture:
         if moving is not None:
             positions[moving.microphone, : len(moving.place)] = moving.place
         scene, measurement = self._run.known_scene, self._measurement
-        relief = None if floor is None or floor.heights is None else floor  # on which the true microphones stand
+        relief = None if floor is None or floor.heights is None else floor  # the true microphones stand on it
         look = choices.dark, relief, choices.lecture
         static = self._static(lambda: pictures.static_picture(scene, measurement, *look), *look)
         truth = measurement.positions  # an array without known microphones is moved onto them
@@ -265,7 +265,7 @@ class Viewer:
             view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, found,
             axes, assessing, sought, self.run, choices,
         )  # fmt: skip
-        with self._server.atomic():  # the cost in the headline and that beside the ball change together
+        with self._server.atomic():  # both displays of the cost change together
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
         tabs.show(self.snapshot)
 

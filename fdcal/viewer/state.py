@@ -58,10 +58,10 @@ class Choices(MapStyle):
     modes_error: str = ""  # why the text in the field "Frequency numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
     export_view: str = "top"  # view of a picture to save, a value of VIEWS
-    export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
+    export_size: tuple[int, int] = (1280, 800)  # width and height of a picture to save, pixels
     seed: int = 0  # seed of the solver's next start
     rate: int | None = None  # steps per second that the user has chosen; None before that
-    # verdict: whether the result is assessed; panel, marks: as of `fdcal.session.lesson.LessonSetting`
+    # verdict: whether the result is assessed; panel, marks: see `fdcal.session.lesson.LessonSetting`
     verdict: bool = True
     panel: str = "none"
     marks: tuple[int, ...] = ()
@@ -226,7 +226,7 @@ class Binding:
         self.threads = Scheduler(wake)
         self.sent: dict[int, object] = {}
         self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
-        self.folders: list[viser.GuiFolderHandle] = []  # that hold the controls
+        self.folders: list[viser.GuiFolderHandle] = []  # the folders that hold the controls
         self._removed = False
         self.commands: dict[str, tuple[Any, Callable[[Any, Any], None]]] = {}
         self.tabs: Any = None

@@ -21,7 +21,7 @@ from ...model.storage import damaged, require_regular
 from ...model.validation import InputError, StorageError, shown
 from ..recording import Recording, block_of
 
-NUMBERS = re.compile(r"([0-9]+)")  # in the name of a file
+NUMBERS = re.compile(r"([0-9]+)")  # the numbers in the name of a file
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this; a header that states more is damaged
 
 
@@ -62,7 +62,7 @@ def reader_of(path: str | Path) -> Format | None:
 
 
 def sound_files(path: str | Path) -> list[Path]:
-    """Return the sound files of a folder without a format of its own, in natural order of their names."""
+    """Return the sound files of a folder in natural order of their names; [] for a folder that is itself a format."""
     path = Path(path)
     if not path.is_dir() or reader_of(path) is not None:
         return []
@@ -108,7 +108,7 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
 
 
 def wanted_source(source: int | None, count: int) -> int:
-    """Return the number of the source that is wanted, 0 for None; InputError if the file does not have it."""
+    """Return the number of the wanted source, 0 for None; InputError if the file does not have this source."""
     source = source or 0
     if not 0 <= source < count:
         raise InputError(f"source = {source} does not exist", f"the file has 0 to {count - 1}", key="source")
@@ -132,7 +132,7 @@ MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
 
 
 def read_apart(read: Read, path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    """Return what `read`, a function at the top of a module, returns when called in a process of its own."""
+    """Return the result of `read`, a function at the top of a module, called in a separate process."""
     by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
     found, values = by_call()
     return Recording(**found, block=by_call if values is None else block_of(values))

@@ -37,10 +37,10 @@ TIMES = ("t", "time", "times", "zeit")
 PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
 ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples in an array of similar lengths
 LONGER = 2  # the axis of time is at least this many times as long as the other one
-UNEVEN = 0.01  # of a step: largest deviation of rounded times from evenly spaced ones
+UNEVEN = 0.01  # largest deviation of rounded times from evenly spaced times, in steps
 MAX_LISTED = 6  # arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
-DIRECTIONS = {"azi_rad", "ele_rad"}  # of a measured room: `fdcal.acoustics.plane_waves`
+DIRECTIONS = {"azi_rad", "ele_rad"}  # arrays of a measured room: `fdcal.acoustics.plane_waves`
 
 Arrays = Mapping[str, Any]  # by name: arrays of NumPy, or objects with shape, ndim and dtype
 Opened = Callable[[], contextlib.AbstractContextManager[Any]]  # opens the array of the samples

@@ -42,7 +42,7 @@ def open_sofa(path: Path):
 
 
 def values_of(file, name: str) -> np.ndarray:
-    """Return a variable as real numbers; raise InputError where it is missing, empty or not finite."""
+    """Return a variable as real numbers; InputError if it is missing, empty or not finite."""
     if name not in file.variables:
         raise InputError(f'it has no "{name}"', "write the file with a SOFA library", key=name)
     values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)
@@ -253,7 +253,7 @@ def _write(path: Path, placed: MicrophonePositions) -> None:
             sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each receiver
         try:
             sofar.write_sofa(str(path), sofa)
-        except RuntimeError as error:  # of HDF5, which does not say that a disk is full
+        except RuntimeError as error:  # from HDF5, which does not report a full disk
             raise StorageError(f"the file cannot be written; is the disk full? ({error})") from error
 
 

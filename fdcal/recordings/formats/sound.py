@@ -57,7 +57,7 @@ class Patched(io.FileIO):
 
 
 def _with_length(path: Path) -> dict[int, bytes]:
-    """Return changes of a header, as of `Patched`, after which the sound ends with the file; {} if unknown."""
+    """Return changes for `Patched` after which the sound ends at the end of the file; {} if they are unknown."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         magic = file.read(4)

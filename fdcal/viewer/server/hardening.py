@@ -150,7 +150,7 @@ def version_checked(handler: Handler) -> Handler:
     return handle
 
 
-Respond = Callable[..., Response | None]  # of a connection and a request
+Respond = Callable[..., Response | None]  # gets a connection and a request
 
 
 TITLE = "fdcal"
@@ -166,7 +166,7 @@ def own_page_only(
 
     The header Host must be one of `origins`, and the header Origin must be the same address as Host. A browser sets
     both, and a forwarded port does not change them. The page has our title, style and script. It is sent uncompressed
-    to loopback addresses, also through an SSH tunnel, since compression delays the first byte by 30 ms. `film`,
+    to loopback addresses, also through an SSH tunnel, because compression delays the first byte by 30 ms. `film`,
     `on_sent`: as in `open_server`.
     """
 
@@ -310,7 +310,7 @@ def _drop_bad_updates(server: viser.ViserServer) -> None:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that only its own event loop sets; viser sets it there, too, after every message.
+    """An event that only its own event loop can set; there viser sets it after every message.
 
     The method `wait` finds the event unset, and then queues its future. If another thread sets the event in between,
     `wait` never returns, because later calls of `set` find the event set and do nothing. The browser then gets no more

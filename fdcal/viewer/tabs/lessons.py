@@ -96,8 +96,8 @@ class PageBefore:
     run: PreparedRun
     view: SessionView  # the states of its run
     choices: Choices
-    values: Mapping[tuple[str, str], Any]  # of the controls that a user can set, by the names of `controls_of`
-    cameras: Mapping[int, str | Camera]  # of each browser, see `Cameras.kept_views`
+    values: Mapping[tuple[str, str], Any]  # values of the controls that a user can set, by the names of `controls_of`
+    cameras: Mapping[int, str | Camera]  # view of each browser, see `Cameras.kept_views`
 
     def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
         """Restore this state in the viewer, which shows the session again; on viser's event loop."""

@@ -253,7 +253,7 @@ class SweepTab(Tab):
             self.playing = None
             return
         sequence = self._sequence()
-        after = first_of(sequence, self._binding.choices.modes or ())  # from the beginning after the last map
+        after = first_of(sequence, self._binding.choices.modes or ())  # after the last map the sweep begins again
         self._revision, self.playing = self._binding.state.revision, Playback(after % len(sequence))
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")

@@ -100,7 +100,7 @@ def _figure(snapshot: PageState, file_format: str) -> bytes:
     (single, total, search), modes = found, [request.modes[i] for i in kept]
     panels = panels_of(single, total, modes, measurement.frequencies, n, search, len(request.modes))
     shown = np.stack([above_lowest(snapshot.run, request, one) for one in panels.maps])
-    # In a process of its own: matplotlib keeps its fonts open for each thread that has drawn.
+    # In a separate process, because matplotlib keeps its fonts open for each thread that has drawn.
     return call(landscape_bytes, file_format, replace(panels, maps=shown), drawn)
 
 
