@@ -126,7 +126,7 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # true for hard links, too
         if linked or os.path.realpath(source) == os.path.realpath(path):
-            raise InputError(f"-o {text} is the input itself; it is not overwritten", "choose another", key="output")
+            raise InputError(f"-o {text} is the input itself", "choose another name, to keep the input", key="output")
     if path.exists() and not force:
         raise InputError(f"-o {text} exists", "add <force> to overwrite it, or choose another name", key="output")
     return path
@@ -265,7 +265,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
             click.option("--takes", "files", flag_value="takes", help="Treat several files as several takes."),
             click.option("--channels", "files", flag_value="channels", help="Treat several files as one take."),
             option("--split TIME", "Cut a long recording into takes of this length, e.g. 10s.", type=duration),
-            option("--source I|all", "Which of several sources to use, from 0; all: a take each.", type=source_number),
+            option("--source I|all", "Which of several sources to use, from 0; all: one take each.", type=source_number),
         )):  # fmt: skip
             command = one(command)
         return command

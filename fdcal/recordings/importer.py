@@ -92,7 +92,7 @@ def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Reco
         return [join_channels(read)]
     first, few = read[0], min_microphones(options.dimension)
     if options.files == "auto" and 1 < first.count < few and {one.count for one in read} == {first.count}:
-        problem = f"takes of {first.count} channels, as these files would be, have too few microphones"
+        problem = f"as takes, these files of {first.count} channels have too few microphones to be found"
         raise InputError(problem, "give <channels> if several recorders recorded one take together", key="files")
     placed = [(one.path, one.positions) for one in read if one.positions is not None]
     for one in read:  # all takes must be of the same array

@@ -206,7 +206,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
     text = f"error of predicting a microphone from the others: {overall:.1f} dB by a sound field, {mean_db:.1f} dB by"
     text += " their mean (lowest third of the frequencies)"
     if not one:
-        text += ": not one sound field; are these several recordings, moving microphones, or synthetic data?"
+        text += ": this is not one sound field, but several recordings, moving microphones, or no measurement"
     field = Answer("field", "fine" if one else "fault", text, overall, "dB", () if one else (("field", ""),))
     problem = measurement.problem("unit", "none")
     misfit = arrival_misfits(problem, np.asarray(result.positions))

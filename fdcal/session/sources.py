@@ -198,7 +198,7 @@ def with_settings(
 class OpenRequest:
     """A request to open a page, or to replace what it shows."""
 
-    scene: Scene  # with the settings of the solver
+    scene: Scene  # includes the settings of the solver
     # seed of the solver's start; None for the seed of the scene, with which its microphones and noise are drawn
     start_seed: int | None = None
     measurement: Measurement | None = None  # None for that of the scene, which is simulated or taken from the cache
