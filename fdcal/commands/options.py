@@ -265,7 +265,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
             click.option("--takes", "files", flag_value="takes", help="Treat several files as several takes."),
             click.option("--channels", "files", flag_value="channels", help="Treat several files as one take."),
             option("--split TIME", "Cut a long recording into takes of this length, e.g. 10s.", type=duration),
-            option("--source I|all", "Which of several sources to use, from 0; all: one take each.", type=source_number),
+            option("--source I|all", "Which of several sources to use, from 0; all: a take each.", type=source_number),
         )):  # fmt: skip
             command = one(command)
         return command

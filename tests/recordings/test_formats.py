@@ -581,7 +581,7 @@ def test_the_emitter_asked_for_is_read_and_each_is_a_take_when_all_are(conventio
         assert (recording.count, recording.samples) == (N, T)
         assert np.allclose(read_samples(recording, 7, 50, [3, 1]), (source + 1) * SAMPLES[[3, 1], 7:50])
         assert np.allclose(read_samples(take, 0, T), SAMPLES * (source + 1))
-    refuses("source = 3 does not exist; the file has 0 to 2", formats.read, path, 3)
+    refuses("source = 3 does not exist; the file has sources 0 to 2", formats.read, path, 3)
     assert len(read_takes([written(tmp_path / "b.sofa", "GeneralFIR")], ImportOptions(source="all"))) == 1
 
 
