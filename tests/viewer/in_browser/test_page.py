@@ -74,7 +74,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.get_by_text("The connection is lost").wait_for()
     page.wait_for_timeout(3000)  # in which viser alone would make Chromium delay its attempts
     served.start()
-    page.get_by_text("The connection was lost and is back").wait_for()
+    page.get_by_text("The connection was lost and is restored").wait_for()
     page.wait_for_function("location.hash.includes('microphone=8')")
     tab(page, "Map")
 
