@@ -74,5 +74,4 @@ def is_single_wave(pressures: Complexes) -> bool:
     varying = np.abs(p.mean(axis=1)) ** 2 < COHERENT * mean
     if np.sum(varying) < MIN_VARYING:
         return False
-    power = np.abs(p[varying]) ** 2 / mean[varying, None]
-    return bool(np.median(np.var(power, axis=1)) < SINGLE_VARIANCE)
+    return bool(np.median(np.var(np.abs(p[varying]) ** 2 / mean[varying, None], axis=1)) < SINGLE_VARIANCE)

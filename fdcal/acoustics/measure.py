@@ -97,8 +97,7 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     if sensing.wavenumber == "discrete":
         k = spectrum.wavenumber_discrete(frequencies, s, c, room.cell_size, fs)
     pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
-    points = np.stack([first + step * np.arange(len(power)), power])
-    return spectrum.ModalPressures(frequencies, k, pressures, points)
+    return spectrum.ModalPressures(frequencies, k, pressures, np.stack([first + step * np.arange(len(power)), power]))
 
 
 def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:

@@ -84,8 +84,7 @@ def cross_validate(
     """
     if healthy is not None and (np.all(healthy) or np.sum(healthy) <= problem.array_dimension):
         healthy = None
-    errors = leave_one_out_errors(problem, positions, modes, noise, healthy)
-    return summarise(problem.pressures[modes], errors, healthy)
+    return summarise(problem.pressures[modes], leave_one_out_errors(problem, positions, modes, noise, healthy), healthy)
 
 
 def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | None = None) -> CrossValidation:

@@ -135,8 +135,7 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
         max_count = MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)
         best = np.argsort(misfit, kind="stable")[:max_count]
         groups, misfit = groups[best], misfit[best]
-    apart = [len(set(group)) == len(group) for group in groups.tolist()]
-    return groups[apart]
+    return groups[[len(set(group)) == len(group) for group in groups.tolist()]]
 
 
 TRUSTED = "good"  # the verdict of a result that can be trusted

@@ -315,8 +315,7 @@ def _pair_slopes(
     mixed = imag[..., :half] + imag[..., half:]
     mixed *= b[:, None]
     turned -= mixed
-    traced = np.matmul(turned, towards.T) * k[:, None, None]
-    return np.moveaxis(g, 2, 0), np.moveaxis(traced, 2, 0)
+    return np.moveaxis(g, 2, 0), np.moveaxis(np.matmul(turned, towards.T) * k[:, None, None], 2, 0)
 
 
 def cosines_and_sines(x: Reals, k: Numbers, Q: int, dimension: int) -> np.ndarray:

@@ -432,8 +432,7 @@ class Gauge:
         if wrong:
             problem = f"{key} names microphone {wrong[0]}, which does not exist or is listed twice"
             raise InputError(problem, f"list each of 0 to {count - 1} once", key=key)
-        named = set(given)
-        return tuple(n for n in range(count) if (n in named) == (self.free is None))
+        return tuple(n for n in range(count) if (n in given) == (self.free is None))
 
 
 KEYS = ("name", "title", "measurement", "remark")  # keys of the file of a scene that is a measurement

@@ -162,8 +162,7 @@ class Search:
         (ny, nx, D) float64, metres
         """
         x, y = (o + self.step * np.arange(n) for o, n in zip(self.origin[:2], self.shape[:2], strict=True))
-        axes = (*np.meshgrid(x, y), np.full((len(y), len(x)), height))
-        return np.stack(axes[: len(self.origin)], axis=-1)
+        return np.stack((*np.meshgrid(x, y), np.full((len(y), len(x)), height))[: len(self.origin)], axis=-1)
 
 
 ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its array and the solver allow

@@ -52,8 +52,7 @@ def default_max_rows(microphones: int, takes: int = 1) -> int:
     more information than rows that are closer in frequency.
     """
     affordable = int(ROWS.max_rows * (ROWS.usual_count / microphones) ** 2)
-    every = min(max(ROWS.min_of_array, affordable), ROWS.max_of_array)
-    return max(ROWS.min_of_take, every // takes)
+    return max(ROWS.min_of_take, min(max(ROWS.min_of_array, affordable), ROWS.max_of_array) // takes)
 
 
 @dataclass(frozen=True)

@@ -158,8 +158,7 @@ def _lattice(problem: Problem, order_offset: int) -> PlaneLattice | SpaceLattice
 def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, n: int, modes: slice):
     """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
     W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
-    weights = known_weights(problem, state.settings.known_weight)
-    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights)
+    return W, leave_one_out_fits(W, problem.pressures[modes], n, known_weights(problem, state.settings.known_weight))
 
 
 def _cost(problem: Problem, state: State) -> float:

@@ -87,6 +87,24 @@ def start(problem: Problem, modes: int, noise: float | None, one: Start) -> np.n
     return x
 
 
+OPPOSITE_MODES = 8  # number of the lowest modes that show inverted channels
+OPPOSITE = 0.7  # least mean coherence of a channel with the others, apart from the sign, for its sign to be clear
+
+
+def inverted(problem: Problem) -> np.ndarray:
+    """Return which channels are clearly inverted relative to most others : (N,) bool.
+
+    Where an array is small compared with the wavelength, the pressures of all channels are equal up to the sign.
+    """
+    p = problem.pressures[:OPPOSITE_MODES]
+    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=0) + np.finfo(float).tiny)
+    coherence = np.real(p.T @ np.conj(p)) / len(p)
+    sign = np.sign(np.linalg.eigh(coherence)[1][:, -1])
+    sign *= np.sign(np.sum(sign))
+    clear = (sign * (coherence @ sign) - 1) / (len(sign) - 1) > OPPOSITE
+    return (sign < 0) & clear & (2 * np.sum(clear) > len(sign))
+
+
 def without_given(problem: Problem) -> Problem:
     """Return the problem without given positions."""
     return replace(problem, known=problem.known[:0], known_positions=problem.known_positions[:0], frame=None)

@@ -97,10 +97,10 @@ def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, s
     """
     reported, plan = noise.given_noise(problem, state), starts.plan(problem, state.last)
     level = None if reported is None else float(np.median(reported[state.modes]))
+    upright = replace(problem, pressures=np.where(starts.inverted(problem), -1, 1) * problem.pressures)
     for number, one in list(enumerate(plan))[first:]:
         try:
-            chosen = problem if one.given else starts.without_given(problem)
-            x = starts.start(chosen, state.last, level, one)
+            x = starts.start(upright if one.given else starts.without_given(upright), state.last, level, one)
         except (InputError, np.linalg.LinAlgError):
             if number + 1 == len(plan) and not state.starts:
                 raise

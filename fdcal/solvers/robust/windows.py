@@ -374,8 +374,7 @@ def _correlated(windows: ShortWindows) -> np.ndarray:
     spectra = p.swapaxes(1, 2) @ np.conj(p)
     power = np.real(np.diagonal(spectra, axis1=1, axis2=2))
     coherence = np.abs(spectra) ** 2 / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
-    others = np.mean(coherence, axis=0) * (1 - np.eye(p.shape[2]))
-    return others.max(axis=0) > MIN_COHERENCE
+    return (np.mean(coherence, axis=0) * (1 - np.eye(p.shape[2]))).max(axis=0) > MIN_COHERENCE
 
 
 def _dispersion(
