@@ -139,8 +139,7 @@ def solver(name):
 
 @pytest.fixture(scope="module")
 def state(name, solver):
-    settings = solvers.with_mode_count(PLANE, SolverSettings(name=name, modes=8, first_modes=3))
-    return solver.init(PLANE, settings, 0)
+    return solver.init(PLANE, solvers.with_mode_count(PLANE, SolverSettings(name=name, modes=8, first_modes=3)), 0)
 
 
 @pytest.mark.parametrize("order_offset", [ORDER_OFFSET, None])

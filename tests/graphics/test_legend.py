@@ -93,8 +93,7 @@ def test_isosurfaces_are_named_with_their_levels(scene, measurement, estimate):
     cost, search = 10 ** (decibels / 10), Search((0.0, 0.0, 0.0), (1.6, 1.6, 1.6), 0.1, 0.8)
     volume = volume_of(cost, search, True)
     picture = overlays.with_volume(compose(scene, measurement, estimate), volume)
-    texts = [entry.text for entry in legend_of(picture)]
-    assert volume.text in texts
+    assert volume.text in [entry.text for entry in legend_of(picture)]
 
 
 @pytest.mark.parametrize("half_axis", [1e-5, 3e-4, 0.02])

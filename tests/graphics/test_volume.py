@@ -65,8 +65,7 @@ def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_col
         reach = np.linalg.norm(volume.surface.vertices[rows == row] - CENTRE, axis=1)
         np.testing.assert_allclose(reach, (level + 40) / 50, atol=0.1 * SEARCH.step)
         share = (level - volume.bar.low) / (volume.bar.high - volume.bar.low)
-        brightest = volume.surface.texture[row, -1, :3].astype(int)
-        assert np.abs(brightest - to_rgb(np.array(share))).max() <= 3
+        assert np.abs(volume.surface.texture[row, -1, :3].astype(int) - to_rgb(np.array(share))).max() <= 3
     assert np.all(np.diff(rows[volume.surface.faces[:, 0]]) >= 0)
     opacity = volume.surface.texture[:, 0, 3]
     assert np.all(np.diff(opacity.astype(int)) < 0) and 100 < opacity.max() < 200
@@ -93,8 +92,7 @@ def test_the_layer_of_a_height_lies_on_the_floor_in_the_colours_of_the_scale():
         np.testing.assert_allclose([*floor.origin, *floor.size], [*DOMAIN[0, :2], *np.ptp(DOMAIN, axis=0)[:2]])
         x = floor.origin[0] + (np.arange(40) + 0.5) * floor.size[0] / 40
         share = (10 * (-4 + 5 * (x + shown - 4.0)) - volume.bar.low) / (volume.bar.high - volume.bar.low)
-        wanted = to_rgb(np.clip(share, 0, 1)).astype(int)
-        assert np.abs(floor.rgb.astype(int) - wanted).max() <= 4
+        assert np.abs(floor.rgb.astype(int) - to_rgb(np.clip(share, 0, 1)).astype(int)).max() <= 4
 
 
 @pytest.fixture(scope="module")

@@ -160,8 +160,7 @@ def test_places_keep_their_distances_and_reach_all_of_the_room(size):
     rngs = np.random.default_rng(3), np.random.default_rng(3)
     np.testing.assert_array_equal(*(arrays.random_source(size, MICROPHONES, 0.7, one, np.any) for one in rngs))
     assert arrays.random_source(size, MICROPHONES, 9.0, rng, lambda place: True) is None, "a full room"
-    quarters = (places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)
-    assert np.bincount(quarters).min() > 100
+    assert np.bincount((places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)).min() > 100
 
 
 # A search domain made for a measurement that has none: it holds the array with room to spare, in any dimension.

@@ -287,8 +287,7 @@ def test_the_bandwidth_of_a_room_is_found_whatever_its_source_emits(seconds):
     f = np.arange(20, 480, step)
     powers = np.abs(h @ np.exp(-2j * np.pi * np.outer(t, f))) ** 2
     powers *= np.exp(3 * rng.standard_normal(len(f)))
-    spacing = room_spacing(powers, 2 * step)
-    assert spacing.decorrelation == pytest.approx(rate, rel=0.35)
+    assert room_spacing(powers, 2 * step).decorrelation == pytest.approx(rate, rel=0.35)
 
 
 def test_takes_share_the_computing_time():

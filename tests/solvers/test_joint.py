@@ -154,8 +154,7 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     one, again, other = (joint.init(problem, settings, seed) for seed in (0, 0, 1))
     assert same(one, again) and not np.array_equal(one.positions, other.positions)
     assert np.array_equal(one.positions[KNOWN], TRUTH[KNOWN])
-    own = (joint.init(problem, SETTINGS, seed) for seed in (0, 1))
-    assert same(*own, but=("seed",))
+    assert same(*(joint.init(problem, SETTINGS, seed) for seed in (0, 1)), but=("seed",))
 
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_the_starts_of_the_solver():

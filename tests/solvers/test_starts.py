@@ -101,6 +101,13 @@ def test_the_shape_of_a_start_does_not_depend_on_the_unit_of_length():
     np.testing.assert_allclose(1e3 * pdist(kilometres), pdist(metres), rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize(("extent", "seen"), [(0.1, [3, 5]), (3.2, [])])
+def test_inverted_channels_are_seen_where_the_array_is_small_compared_with_the_wavelength(extent, seen):
+    x, sign = np.random.default_rng(6).uniform(0, extent, (12, 2)), np.where(np.isin(range(12), [3, 5]), -1, 1)
+    problem = Measurement(FREQUENCIES, sign * waves(x, K, 40, 1, 0.01), 343.0).problem("unit")
+    assert np.flatnonzero(starts.inverted(problem)).tolist() == seen
+
+
 def three_wavelengths(noise=1e-4, known=(), wrong=0.0):
     """A problem of 42 microphones over 3.2 m, the first state of the solver at the truth, and the truth (N, 2)."""
     x = np.random.default_rng(6).uniform(0, 3.2, (42, 2))
