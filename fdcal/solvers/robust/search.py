@@ -2,7 +2,8 @@
 
 At low frequency the cost has few local minima. A start is fitted to a few of the lowest modes, then to twice as many,
 and so on, so that each fit begins in the basin of the fit before. The arrays that are found are ordered by the
-likelihood of all modes. Each step of the search fits one start.
+likelihood of all modes. Each step of the search fits one start. Channels that are clearly inverted at the lowest modes
+begin with a phase of pi: otherwise they seem independent of the others, and are placed far outside the array.
 """
 
 from collections.abc import Iterator
