@@ -34,10 +34,6 @@ COMMANDS = {
         "calibrate ball3d -o result.json",
         "snapshot ball3d --result result.json --view close -o picture.png",
     ],
-    "field": [
-        "calibrate array2_random -o result.json",
-        "field array2_random --result result.json --frequencies 220 -o picture.png",
-    ],
 }
 # pictures that a script of examples/ writes
 EXAMPLES = {"beamforming": "08_beamforming_map.py", "measured-array": "07_measured_array.py"}

@@ -20,4 +20,4 @@ print(f"RMS distance to the nominal positions {1000 * found.rms_error:.1f} mm")
 size, nominal = (np.linalg.norm(x - x.mean(axis=0)) for x in (found.positions, measurement.positions))
 print(f"size {size / nominal:.2f} of the nominal one")
 found.export("array.xml", force=True)  # for Acoular
-found.plot(measurement.positions).savefig("measured-array.png", dpi=110)
+found.plot(measurement.positions, "nominal").savefig("measured-array.png", dpi=110)

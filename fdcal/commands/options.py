@@ -107,7 +107,7 @@ source_number = ValueOf(
     lambda value: value if value == "all" else int(value), "is not a source; write a whole number from 0, or all"
 )
 decibels = ValueOf(lambda value: _quantity(value, "(?i:dB)"), "must be decibels with their unit, for example 1dB")
-percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a percentage with its sign, e.g. 0.3%")
+percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a percentage with its sign, for example 0.3%")
 
 
 def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:

@@ -116,7 +116,7 @@ SIDES = 60  # number of sides of the polygon that is drawn for an ellipse
 MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map; smaller, because there are many
 
 
-def draw_calibration(self: Calibration, truth=None) -> Figure:
+def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figure:
     """Return a matplotlib figure of the positions, with error ellipses and the known microphones.
 
     For an array in space it has a plan and a side view. Small ellipses are enlarged by a round factor, which the legend
@@ -127,6 +127,8 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
     truth : (N, D) array_like, optional
         True positions to draw as well, metres, in the axes of the result. Without known microphones they are aligned
         with the result by a rigid motion, which may include a mirror image.
+    label : str
+        What the legend calls them, such as "nominal".
 
     Returns
     -------
@@ -162,7 +164,7 @@ def draw_calibration(self: Calibration, truth=None) -> Figure:
         if self.covariance is not None:
             enlarged_ellipses(panel, shown, self.covariance[:, axes][:, :, axes], self.positions)
         if true is not None:
-            plot_marks(panel, "microphones/true", true[:, axes], scale=MARK_SCALE)
+            plot_marks(panel, "microphones/true", true[:, axes], MARK_SCALE, label)
         plot_marks(panel, "microphones/estimate", shown[~known], scale=MARK_SCALE)
         plot_marks(panel, "microphones/known", shown[known], scale=MARK_SCALE)
         panel.set_aspect("equal", adjustable="datalim")

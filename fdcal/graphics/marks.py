@@ -275,8 +275,8 @@ def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
     }
 
 
-def plot_marks(panel: Any, name: str, places, scale: float = 1.0) -> None:
-    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo."""
+def plot_marks(panel: Any, name: str, places, scale: float = 1.0, label: str = "") -> None:
+    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo; `label` : in the legend."""
     if places is None or not len(places):
         return
     from matplotlib import patheffects
@@ -285,7 +285,7 @@ def plot_marks(panel: Any, name: str, places, scale: float = 1.0) -> None:
     width = scale * mark.stroke
     halo = [patheffects.withStroke(linewidth=width + 2 * scale, foreground=fractions(mark.halo_colour))]
     panel.plot(
-        x, y, mark.marker, color=fractions(mark.colour), label=mark.text, markersize=scale * mark.points,
+        x, y, mark.marker, color=fractions(mark.colour), label=label or mark.text, markersize=scale * mark.points,
         markeredgewidth=width, fillstyle="none", linestyle="none", path_effects=halo, clip_on=False,
         zorder=2.5 if mark.shape == "diamond" else 3.0,  # below a true position
     )  # fmt: skip

@@ -81,14 +81,14 @@ def damped_step(
         except np.linalg.LinAlgError:  # with a free gauge and low damping, rounding errors can make H indefinite
             y = np.linalg.lstsq(damped, -g, rcond=None)[0]
         tried, slope = advance(y), float(g @ y)
-        moved = length(tried)
-        lower = finite(tried) if moved <= max_step else np.inf
+        lower = finite(tried) if length(tried) <= max_step else np.inf
         if lower < terms.cost:
-            part = -slope / (2 * (lower - terms.cost - slope))  # of the step, to the minimum of the parabola
-            shorter = advance(part * y)
-            if part < OVERSHOT and (between := finite(shorter)) < lower:
-                tried, lower, moved = shorter, between, length(shorter)
-            return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
+            bend = lower - terms.cost - slope  # the parabola is cost + slope t + bend t^2 at the part t of the step
+            if 0 < -slope < 2 * OVERSHOT * bend:
+                shorter = advance(-slope / (2 * bend) * y)
+                if (between := finite(shorter)) < lower:
+                    tried, lower = shorter, between
+            return DampedStep(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), length(tried))
         if -slope < MIN_DECREASE * abs(terms.cost):
             break
         damping = max(damping, FIRST_DAMPING) * INCREASE

@@ -298,12 +298,12 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
 
 @pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
 def test_the_figure_shows_every_microphone_once(D, panels):
-    figure = result(D).plot(FOUR_POSITIONS[:, :D] + 0.01)
+    figure = result(D).plot(FOUR_POSITIONS[:, :D] + 0.01, "nominal")
     assert len(figure.axes) == panels
     marks = {line.get_label(): line for line in figure.axes[0].lines}
     np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), FOUR_POSITIONS[:1, :2])
     np.testing.assert_array_equal(np.column_stack(marks["estimate"].get_data()), FOUR_POSITIONS[1:, :2])
-    np.testing.assert_array_equal(np.column_stack(marks["true"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
+    np.testing.assert_array_equal(np.column_stack(marks["nominal"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
     refuses("shape", lambda: result(D).plot(FOUR_POSITIONS[:, : 5 - D]))
 
 
