@@ -39,7 +39,7 @@ PUBLIC = {
     "simulate": "session.api:simulate",
 }
 
-# Methods of public classes that packages above their own carry out: they are bound here, and loaded when first used.
+# Methods of public classes that packages above their own implement: they are bound here, and loaded when first used.
 METHODS = {
     "assessment.calibration:Calibration": {
         "_repr_html_": "graphics.figures:calibration_html",
@@ -54,8 +54,8 @@ METHODS = {
     },
     "cost.maps:LandscapePanels": {"plot": "graphics.figures:draw_landscape"},
 }
-STATIC = {"from_json", "load"}  # of these: without an instance
-RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # by functions whose modules do not import their class
+STATIC = {"from_json", "load"}  # methods of the class, not of an instance
+RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # functions whose modules do not import the returned class
 
 __all__ = [
     "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions",

@@ -52,7 +52,7 @@ from .spectrum import SPECTRUM, ModalPressures, pick_peaks, require_duration, wa
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # the same for a less accurate field, which suffices to find the peaks
-MAX_TERMS = 40_000
+MAX_TERMS = 40_000  # largest number of terms of the sum
 BLOCK_VALUES = 65_536  # terms times microphones times wavenumbers in one batch; such an array takes 1 MB
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times the duration
 POINTS = 6  # points of the spectrum per line width

@@ -24,7 +24,7 @@ from ..model.validation import Complexes
 RADII = np.geomspace(0.005, 30.0, 400)  # metres, candidates
 INCOHERENT = (0.0, 0.03, 0.1, 0.25, 0.5)  # fractions of incoherent power, such as noise, that are tried
 MAX_PHASE = 2.0  # largest k R at the lowest frequency; beyond it no frequency shows the radius
-MIN_FREQUENCIES = 6
+MIN_FREQUENCIES = 6  # smallest number of frequencies for an estimate
 
 
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:

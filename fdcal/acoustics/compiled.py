@@ -43,7 +43,7 @@ def compiled(function: Callable[P, Result], **options: Any) -> Callable[P, Resul
         return numba.njit(function, **options)
 
 
-MAX_THREADS = 4
+MAX_THREADS = 4  # largest number of threads of a pool
 
 
 @functools.cache

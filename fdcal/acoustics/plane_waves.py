@@ -37,7 +37,7 @@ KEYS = ("p", "azi_rad", "ele_rad", "fs")
 DIRECT_SOUND = 0.1  # the direct sound begins at the first sample above this fraction of the peak
 SEGMENTS = 20  # number of equal segments whose peaks are compared; also the smallest number of samples
 END_PEAK = 5.0  # largest ratio of the peak of the last segment to the peak of the quietest one
-MAX_SAMPLES = 1_000_000
+MAX_SAMPLES = 1_000_000  # largest number of samples of a response
 
 
 @dataclass(frozen=True)

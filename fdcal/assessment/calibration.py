@@ -137,7 +137,7 @@ class GivenPosition:
     0.005
     """
 
-    name: str  # of the microphone
+    name: str  # name of the microphone
     # given, found: metres
     given: tuple[float, ...]
     found: tuple[float, ...]

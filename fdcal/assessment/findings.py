@@ -59,7 +59,7 @@ class Judged:
     """The evidence for the verdict on an array."""
 
     estimate: Estimate
-    names: Sequence[str]  # of the microphones
+    names: Sequence[str]  # names of the microphones
     covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: Mapping[int, ChannelFault]  # by the number of the microphone
     # probability that given positions would by chance disagree at least as much as they do: with the pressures, or with
@@ -133,7 +133,7 @@ ROOM_RESIDUAL = 1e-3
 # If the field leaves more than this fraction of the channels unexplained, these have a common cause.
 MAX_UNEXPLAINED = 0.12
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
-ROOM_FRACTION = 2e-4  # noise fraction below which the residuals of healthy channels may differ by several times
+ROOM_FRACTION = 2e-4  # noise over power below which the residuals of healthy channels may differ by a large factor
 
 
 def _many_faulty(seen: Judged) -> str:
@@ -237,7 +237,7 @@ def _other_minimum(seen: Judged, limit: float) -> bool:
 class Finding:
     """One row of a table."""
 
-    code: str  # of the verdict
+    code: str  # code of the verdict
     applies: Callable[[Judged, float], bool]  # maps evidence and limit to whether the finding applies
     words: Callable[[Judged], str]  # maps the evidence to a text that says what was found
     # what the user can do: a text, or a function that maps the evidence to one; "" if `words` already says it
@@ -264,7 +264,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("model_mismatch", _many_unexplained,
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", MAX_UNEXPLAINED, "fraction of channels not explained by the field; above the limit, one common cause"),
+            "", MAX_UNEXPLAINED, "fraction of channels not explained by the field; many have a common cause"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
@@ -292,7 +292,7 @@ FINDINGS: tuple[Finding, ...] = (
             and seen.noise_fraction > limit * given + ROOM_RESIDUAL,
             lambda seen: f"the residual is {seen.noise_fraction / (seen.given_noise or 1.0):.2g} times what the noise"
                          f" explains: {CAUSES}",
-            "", 2.0, "ratio to the given noise of the noise found minus 0.001 of the power, which healthy rooms leave"),
+            "", 2.0, "ratio of the noise found, less 0.001 of the power as in healthy rooms, to the noise given"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows and seen.given_noise == 0
             and seen.noise_fraction > limit,
             lambda seen: f"{100 * seen.noise_fraction:.1g} % of the power is left unexplained, though the"

@@ -4,7 +4,8 @@ After a run it follows from what the solver reports at its minimum (`PositionSpr
 
     P   inverse of the Gauss-Newton matrix of cost and priors: the covariance if the field is as assumed
     Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
-    r   dispersion: covariance that the differences between blocks of frequencies and takes imply, divided by Q
+    r   dispersion: the trace of the covariance that the differences between blocks of frequencies and takes imply,
+        over the trace of Q
     C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
 P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
@@ -25,14 +26,16 @@ optimum e and in the likeliest one.
 Before a measurement the Cramer-Rao bound is the least possible uncertainty. It follows from the Fisher information that
 a diffuse field holds on positions, channel gains and the sound speed. In mode m the field has the power s_m, the noise
 v_m and the wavenumber k_m; r_ij is the distance of two microphones, a_n + j b_n the log gain of a channel, x_ia the
-coordinate a of microphone i, and o the product element by element:
+coordinate a of microphone i, and o the product element by element. From here on C is the covariance of the
+pressures in one mode and not that of a position; the index m is omitted where all modes have the same formula:
 
     C_m      = G [s_m kappa(k_m r_ij) + v_m I] G^H,   G = diag exp(a_n + j b_n)
     F_tu     = sum_m tr(C^-1 dC/dt C^-1 dC/du)         complex Gaussian pressures (Slepian 1954, Bangs 1971)
-    S        = C^-1 K,   K = s kappa the covariance of the field, D_a[i, j] = dK_ij / dx_ia
+    K        = s kappa, the covariance of the field;   D_a[i, j] = dK_ij / dx_ia
 
     positions   F_(n a)(p b) = 2 [C^-1_np (D_a C^-1 D_b^T)_np + (C^-1 D_b^T)_np (C^-1 D_a^T)_pn]
-    gains       F_np = 2 [C_np C^-1_np + delta_np];   with positions 2 [(C^-1 o D_a)_np + delta_np sum_j C^-1_nj D_a,nj]
+    gains       F_np = 2 [C_np C^-1_np + delta_np]
+    mixed       F_(n a) p = 2 [(C^-1 o D_a)_np + delta_np sum_j C^-1_nj D_a,nj], of position n and gain p
     phases      omitted, because they are independent of positions and gains in a diffuse field
     log c       K depends on k r only, so that dK / dlog c = -sum_ia x_ia dK/dx_ia
     power s_m   unknown in every mode; eliminated by its Schur complement
@@ -90,7 +93,7 @@ class Prior:
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
     gain_sigma: float = 0.0  # nepers, standard deviation of the channels' gains; 0 for equal channels
-    sound_speed_sigma: float = 0.0  # relative
+    sound_speed_sigma: float = 0.0  # one sigma of the sound speed, relative
 
 
 @dataclass(frozen=True)

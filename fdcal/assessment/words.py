@@ -27,7 +27,7 @@ def end_word(converged: bool, trusted: bool) -> str:
 
 
 NOT_STARTED = "Not started"
-SMALLEST = 1e-5  # m, error below which only this limit is given
+SMALLEST = 1e-5  # metres; a smaller error is stated as "less than" this
 
 
 def state_word(state: RunState, running: bool, error: str = "", verdict: str = TRUSTED) -> str:
@@ -126,7 +126,7 @@ def result_sentences(
     if end == "Ended":
         said["run"] += f"; {STEP_LEFT}"
     if result.cost_db is not None:
-        said["cost"] = f"{result.cost_db:.1f} dB of the power unexplained (Eq. 7, all usable frequencies)"
+        said["cost"] = f"unexplained power {result.cost_db:.1f} dB (Eq. 7, all usable frequencies)"
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:
@@ -190,7 +190,7 @@ def clock_words(kind: str, value: float, since: float) -> str:
         return f"drifts by {value:+.3g} ppm"
     if kind == "jump":
         return f"jumps by {1e3 * value:+.3g} ms at about {since:.3g} s"
-    return f"shares no clock with the others from {since:.3g} s on"
+    return f"has another clock than the others from {since:.3g} s on"
 
 
 def faults_text(faults: Iterable[ChannelFault]) -> str:
@@ -269,7 +269,7 @@ def given_table(result: Calibration) -> tuple[str, list[list[str]]] | None:
         places = (", ".join(f"{x:z.4f}" for x in place) for place in (one.given, one.found))
         lengths = (length_text(x, 2) for x in (one.difference, one.sigma))
         table.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
-    more = f"; the {MAX_ROWS} that differ most" if len(rows) > MAX_ROWS else ""
+    more = f"; the {MAX_ROWS} largest corrections" if len(rows) > MAX_ROWS else ""
     head = f"{len(rows)} of {len(given)} given positions corrected by more than {1e3 * MIN_MOVE:g} mm{more}"
     if result.verdict == TRUSTED and not any(one.wrong for one in given):
         head += "; none of them contradicts the pressures"
@@ -283,7 +283,7 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
         found.append(f"channels {', '.join(str(names[n]) for n in cycle)} are swapped in a cycle")
     if fit is None:
         return found
-    found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its place" for n in fit.misplaced]
+    found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its listed position" for n in fit.misplaced]
     if fit.poor and fit.trusted:
         found.append(f"its positions are {1e3 * fit.rms:.0f} mm off (RMS)")
     if fit.sized:
@@ -295,7 +295,7 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
 
 
 def _of_size(scale: float) -> str:
-    """Return the meaning of a list that is `scale` times as large as the array found, in words.
+    """Return what it means, in words, if a list is `scale` times as large as the array found.
 
     Pressures depend on k r only. If the sound speed is higher than assumed, the array is found too small by the same
     factor, and the list seems too large. The absolute temperature is proportional to the square of the sound speed.
@@ -307,8 +307,8 @@ def _of_size(scale: float) -> str:
 
 
 MAX_LISTED = 0.5  # fraction of swapped microphones above which the swaps are not named one by one
-UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
-UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
+UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))  # number in a metre
+UNIT_TOLERANCE = 0.1  # a unit is suggested if the list's scale differs from its factor by less than this fraction
 
 
 def comparison_sentences(
@@ -337,9 +337,9 @@ def comparison_sentences(
         elif not moved:
             lines.insert(0, _unchanged(check, verdict, untrusted, fit))
     else:
-        reason = "it is of another array, or most of its positions are far off"
+        reason = "it belongs to another array, or most of its positions are far off"
         if untrusted:
-            reason = f"the positions found are {untrusted}, or it is of another array"
+            reason = f"the positions found are {untrusted}, or it belongs to another array"
         lines = [f"the list does not fit the array found in any order: {reason}"]
     if check.fits and check.symmetric:
         lines.append(
@@ -347,13 +347,13 @@ def comparison_sentences(
             " swap of most channels cannot be detected"
         )
     if check.fits and check.moved and check.scale == 1:  # a list in other units always has other axes
-        lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
+        lines.append("list and known positions have different axes: the array found is moved onto the list as a whole")
     if check.scale != 1:
         units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
         hint = f": is it in {units[0]}? Give metres" if units else ""
         size = f"the list is about {check.scale:.3g} times as large as the array found"
         size = _of_size(check.scale) if check.fits and near else size
-        after = "; for the distances the list is scaled to the size of the array" if check.fits else ""
+        after = "; the distances are those after the list is scaled to the size of the array" if check.fits else ""
         lines.append(f"{size}{hint}{after}")
     for n in np.argsort(-check.errors, kind="stable").tolist():
         row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"

@@ -206,9 +206,9 @@ def simulate(scene: str, output: str, force: bool):
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "A distance, if no position is known; size and sound speed follow from it.",
+@opt.option("--distance I,J,METRES", "Distance of microphones I, J if none is known; size and sound speed follow.",
             type=opt.distance)  # fmt: skip
-@opt.option("--time-limit SECONDS", "Processor time after which the best positions so far are taken.", type=float)
+@opt.option("--time-limit SECONDS", "Processor time after which the run ends with its best positions.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @opt.option("--positions FILE", "File of other positions to compare with: a table name,x,y[,z], or a geometry.")
 @opt.output_option("RESULT.json", required=False)

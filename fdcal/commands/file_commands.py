@@ -50,7 +50,7 @@ def import_(sources, output, force, **recorded):
 @click.argument("result", metavar="RESULT.json")
 @opt.output_option("FILE.csv|json|xml|sofa|npy")
 @opt.option("--frame", "Coordinate axes.  [default: those of the result]", type=["known", "minimal", "axes"])
-@opt.option("--table", "gains: to .csv, or to Acoular's .xml.", type=["positions", "gains"], default="positions")
+@opt.option("--table", "gains: as .csv or as Acoular's .xml.", type=["positions", "gains"], default="positions")
 @opt.force_option
 def export(result, output, frame, table, force):
     """Write positions or gains of a result for other programs.

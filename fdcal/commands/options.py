@@ -213,7 +213,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite an existing
 result_option = option("--result RESULT.json", "Positions found by `fdcal calibrate -o`.")
 modes_option = option("--modes M", "Use only the M lowest frequencies.  [default: all usable ones]", type=int)
 seed_option = option("--seed S", "Random seed of the solver's start.  [default: the scene's]", type=int)
-solver_option = option("--solver", "joint: equal channels; descent: the paper's method.  [default: the scene's]",
+solver_option = option("--solver", "joint: for equal channels; descent: the paper's method.  [default: the scene's]",
                        type=names())  # fmt: skip
 
 
@@ -262,10 +262,10 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
     def add(command):
         command = declared_options(ImportOptions, names)(command)
         for one in reversed((
-            click.option("--takes", "files", flag_value="takes", help="Treat several files as several takes."),
-            click.option("--channels", "files", flag_value="channels", help="Treat several files as one take."),
+            click.option("--takes", "files", flag_value="takes", help="Each of several files is one take."),
+            click.option("--channels", "files", flag_value="channels", help="The files are channels of one take."),
             option("--split TIME", "Cut a long recording into takes of this length, e.g. 10s.", type=duration),
-            option("--source I|all", "Which of several sources to use, from 0; all: a take each.", type=source_number),
+            option("--source I|all", "Number of the source, from 0; all: a take for each source.", type=source_number),
         )):  # fmt: skip
             command = one(command)
         return command

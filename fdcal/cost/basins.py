@@ -156,7 +156,7 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
 
 
 SHORTEST = 0.05  # length of the shortest step of a path that is tried, in steps of the lattice
-MAX_STEPS = 2000
+MAX_STEPS = 2000  # largest number of steps of a path
 REACH = 4.0  # longest jump out of a shallow minimum on a path to the edge of the map, in steps of the lattice
 
 

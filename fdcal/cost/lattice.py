@@ -46,7 +46,7 @@ MAX_WALK = 40  # largest number of moves at the finest step
 
 
 class PlaneLattice(LatticeDictionary):
-    """The candidates of a search domain in the plane, with every mode that the microphones can carry.
+    """The candidates of a search domain in the plane, with every mode that the microphones can carry (`eq7`).
 
     Raises InputError for a field of three dimensions, without a search domain, or if no mode can be carried.
     """

@@ -11,8 +11,8 @@
            the inverse of the filter with the corner -kappa
     K      covariance of a field of unit power (`fdcal.cost.kernels`)
     s, v   (M,) power of the field and of the noise;  tau (N,) noise of each channel relative to v, 1 if it is healthy
-    u      (M, N) C^-1 q. In formulas without a delay, d (M, N) is the diagonal of C^-1. The prediction of q_n by the
-           other microphones is q_n - u_n / d_n
+    u      (M, N) C^-1 q. In formulas without delays, d (M, N) stands for the diagonal of C^-1. The other microphones
+           predict q_n - u_n / d_n for q_n
 
 The cost is Eq. 7 with a Tikhonov weight v / s, divided by v, plus the log-determinant, which keeps it unbiased. It has
 no centre, no order and no truncation, and is invariant under translations, rotations and mirror images. Without the

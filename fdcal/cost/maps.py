@@ -205,7 +205,7 @@ def _on_the_page(
     """Return the terms of the reference cost of `fdcal.cost.eq7`, with the order of each mode fixed by `order_offset`.
 
     The terms of a mode depend neither on the solver nor on the other modes that are chosen. Raises InputError if the
-    microphones cannot carry one of `modes`.
+    microphones cannot carry one of `modes`: its expansion then has too many functions (`eq7.carried_modes`).
     """
     eq7.require_carried(problem, modes, order_offset)
     x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..model.validation import Reals
 
-DECADES = 4
+DECADES = 4  # largest number of decades of cost that a map shows
 LEAST_RANGE = 0.01  # dB, smallest range of the colours; at a random start a map of all modes spans about 0.1 dB
 DEPTH = 1 / (10 * DECADES)  # smallest prominence of a local minimum, as a fraction of the scale
 BELOW = 1e-6  # factor by which differences of costs below the end of the scale are reduced

@@ -9,7 +9,7 @@ covariance matrix, except for the power s of each window:
     K_ij = j_0(k d) + sum_l a_l j_2(k d) Y_l(u) + r (J_0(k d_h cos g) cos(k d_v sin g) - j_0(k d)),   d u = x_i - x_j
     h_n  = exp(-j k t_n),   t_n = -v . x_n + q (|x_n|^2 - (v . x_n)^2) / 2
 
-    h    one of the waves w of the take: the direct sound or an early reflection
+    h    phases of wave w of the take at the microphones; the waves are the direct sound and early reflections
     b    its power;   v (3,) the direction that it comes from;   q its curvature, 1/m;   t_n its delay times c, metres
     Y_l  the five quadratic harmonics
     r    fraction of the sound that comes from the elevations g and -g; d_h and d_v are the horizontal and the vertical
@@ -18,7 +18,7 @@ covariance matrix, except for the power s of each window:
 
 A window smooths the spectrum. K and h h^H are therefore means over its bandwidth. They are approximated by the mean of
 the values at k - B and k + B, where B is the standard deviation of the wavenumber over the window's power spectrum. For
-an array of 1.6 m with windows of 30 ms, the error is 30 mm; with the values at k alone it would be 48 mm.
+an array of 1.6 m and windows of 30 ms, the positions have an error of 30 mm; with the values at k alone, of 48 mm.
 
 If the power of each window has its most likely value, p^H C^-1 p / N, the cost is
 
@@ -52,7 +52,7 @@ QUADRATIC = np.array(
         [[-0.5, 0, 0], [0, -0.5, 0], [0, 0, 1]],
     ]
 )
-SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # a_l, r, g
+SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # directions: a_l, r, g
 NOISE_NODES, POWER_NODES = 5, 2  # numbers of nodes in frequency of e and b
 DIRECTIONS = 1200  # number of directions that are tried for a new wave
 SPACING = 0.125  # spacing of the lattice on which a microphone is sought, in shortest wavelengths

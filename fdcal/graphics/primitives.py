@@ -39,7 +39,7 @@ LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(16
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
 
 
-THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # by whether dark: the usual, for a projector
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # True if dark; usual and projector themes
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:

@@ -29,7 +29,7 @@ from .primitives import ColourBar, Label, Picture, by_rank, fractions
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
 VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install -U fdcal"
 MISMATCHED = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # errors of libraries
-TIMEOUT = 120.0  # s
+TIMEOUT = 120.0  # s, longest time for one picture
 
 
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:

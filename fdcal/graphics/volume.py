@@ -6,9 +6,9 @@
     volume_of       a Volume of costs on a lattice
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
-    layer_floor     the layer at one height, in the colours of a Volume, drawn on the floor, where it hides no
-    microphone volume_around   the cost around a microphone of a measurement, as on the page map_of          the map of
-    a microphone for a snapshot, also for a plane array
+    layer_floor     the layer at one height, in the colours of a Volume, on the floor, where it hides no microphone
+    volume_around   the cost around a microphone of a measurement, as on the page
+    map_of          the map of a microphone for a snapshot, also for a plane array
 
 The colours contain the shading of the surfaces, so that they look alike in all renderers, which add no light.
 """
@@ -66,7 +66,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     return vertices, faces, -normals  # VTK's point towards lower values
 
 
-MAX_LEVELS = 3  # isosurfaces; more of them hide each other
+MAX_LEVELS = 3  # largest number of isosurfaces; more of them would hide each other
 LARGEST, SMALLEST = 0.06, 2e-4  # fractions of the domain that the outermost and the innermost isosurface enclose
 BEYOND = 1e3  # added to the cost beyond the lattice, so that surfaces are closed at its edge
 OPACITY = (0.14, 0.6)  # opacity of the outermost and of the innermost isosurface

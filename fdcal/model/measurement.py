@@ -24,9 +24,9 @@ from .settings import Search
 from .storage import load_archive
 from .validation import LIMITS, InputError, convert, frozen_array, naming, refusal, require_array, require_choice
 
-LATEST_ARRIVAL = 1e4  # seconds
+LATEST_ARRIVAL = 1e4  # seconds, latest arrival time that is accepted
 ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
-ROUNDING = 1e-9  # relative to a wavenumber: a smaller imaginary part may have either sign
+ROUNDING = 1e-9  # relative to the wavenumber; an imaginary part below this may have either sign
 CERTAIN = 6.0  # number of sigmas by which the power of noise may by chance be below its mean
 DUPLICATE = 1e-9  # difference of two channels up to a factor, relative to their norm, below which they are copies
 PARALLEL = 1e-6  # 1 - abs(correlation) up to which the difference of two channels is computed
@@ -740,11 +740,11 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
     raise InputError(problem, remedy, key="positions")
 
 
-VERSION = 1  # of the file; files of other programs may omit it
+VERSION = 1  # version of the file format; files of other programs may omit it
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
 OPTIONAL = tuple(f.name for f in fields(Measurement) if f.name not in (*REQUIRED, "search", "windows", "origin"))
-SHORT = ("short_frequencies", "short_takes", "short_pressures", "short_length")  # of `ShortWindows`
+SHORT = ("short_frequencies", "short_takes", "short_pressures", "short_length")  # keys of `ShortWindows`
 
 
 def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, np.ndarray] | None = None) -> None:

@@ -277,7 +277,7 @@ class SolverSettings:
 # A search domain around an estimate, for a measurement without one. Maps, the reference cost, the order rule, solver
 # `descent` and random starts need a search domain; other solvers do not.
 MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
-MIN_MARGIN = 0.05  # m
+MIN_MARGIN = 0.05  # m, smallest such distance
 CELLS = {2: 120, 3: 60}  # largest number of steps along the longest side, by the number of coordinates
 STEPS = (1.0, 2.0, 5.0)  # first digits that a step may have
 

@@ -36,12 +36,12 @@ class ArrivalRules:
     # before, after: lengths of the window before and after a peak, in samples, but each at least `min_window` seconds
     before: float = 4.0
     after: float = 4.0
-    min_window: float = 2.5e-4  # seconds
+    min_window: float = 2.5e-4  # seconds, shortest part before or after a peak
     taper: float = 0.5  # fraction of the window, at either end, over which it rises and falls
     quiet: float = 2.0  # least ratio of the peak to the largest amplitude before its window
     min_correlation: float = 0.7  # least correlation of a window with the template
     span: float = 0.02  # seconds, largest difference of an arrival from the median, as in an array of some metres
-    rounds: int = 4  # iterations of the template and the times
+    rounds: int = 4  # number of iterations in which template and times are found
     # `a` of the equation above. With a = 1, sigma would be 1.1 mm where the errors are 0.3 mm (rooms of image sources),
     # and 1.3 mm where they are 0.4 mm (a measured array)
     shifted: float = 0.4

@@ -164,7 +164,7 @@ class TakeRules:
     similar: float = 0.25
     stretch: int = 2**15  # number of samples that are compared
     level: float = 1e-4  # least power of a frequency that is compared, relative to the strongest
-    # fraction of the power of a frequency that the two takes do not share: at most 1e-7 in copies, about 0.7 in others
+    # fraction of the power of a frequency that differs between two takes: at most 1e-7 in copies, about 0.7 otherwise
     different: float = 1e-4
     # low, high, segment: the coherence of channels is computed in this band, Hz, where most arrays are coherent, from
     # segments of this length, s

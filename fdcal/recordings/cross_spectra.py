@@ -15,8 +15,8 @@ under w and w',
 Several independent sources, or one that moves, make C a sum of such terms: any linear combination of their fields is a
 sound field, too. So each leading eigenvector, times the root of its eigenvalue minus the noise, is a row of this
 frequency. With a single source the second eigenvalue is not zero either: noise makes it up to (1 + sqrt(N / K))^2 v,
-and a room that rings on beyond a segment makes it about 3.3 / (T d)^2 of the first one. A further row must be well
-above both.
+and a room that rings on beyond a segment makes it about 3.3 / (T d)^2 of the first one. The eigenvalue of a
+further row must be well above both.
 
     w    Hann's window, whose transforms follow from those without a window at three neighbouring bins
     d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequencies`
@@ -93,10 +93,10 @@ class SegmentSettings:
 
 
 SEGMENTS = SegmentSettings()
-# Limits for further eigenvectors, each of which gives one more row
-MAX_RANK = 8  # rows of one frequency
-OVER_NOISE = 2.0  # eigenvalue relative to the largest that noise alone has
-OVER_LEAKAGE = 4.0  # eigenvalue relative to that which the window causes for a single source
+# Limits for a further eigenvector, which gives one more row:
+MAX_RANK = 8  # largest number of rows of one frequency
+OVER_NOISE = 2.0  # least ratio of its eigenvalue to the largest one that noise alone causes
+OVER_LEAKAGE = 4.0  # least ratio of its eigenvalue to the one that the window causes for a single source
 LAGS = (2, 4)  # distances, bins, of neighbouring frequencies whose windows do not overlap in frequency
 # rows per bandwidth 1 / T_eq: 5 for a room that decays evenly (`fdcal.recordings.frequencies`), times 1.5, because rows
 # at close frequencies have the same field but independent noise

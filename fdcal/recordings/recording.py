@@ -148,8 +148,8 @@ class ImportLimits:
     # least k R of the default band, radians; below it the gains of the channels differ more than the pressures
     min_phase: float = 0.13
     min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
-    max_frequency: float = 0.45  # relative to the sampling rate
-    celsius: float = 20.0  # default temperature
+    max_frequency: float = 0.45  # highest frequency of a band, relative to the sampling rate
+    celsius: float = 20.0  # default temperature, degrees Celsius
     known_radius_factor: float = 1.2  # assumed radius of an array relative to that of its known microphones
     coherent_radius_factor: float = 1.25  # assumed radius of an array over the estimate from its coherence
 
@@ -208,12 +208,12 @@ class ImportOptions:
     kind: Literal["auto", Kind] = option(
         "auto", "impulse: an impulse response, from silence to silence; stationary: a continuous sound."
     )
-    windows: str = option("auto", "Band of the short windows, Hz, which are used in addition.", "auto|none|LO:HI")
+    windows: str = option("auto", "Band of the additional short windows, Hz; none: no windows.", "auto|none|LO:HI")
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Air temperature, degrees Celsius; determines the sound speed.", "C"
     )
     # bounds: heavy gases to solids
-    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "The sound speed itself.", "M/S")
+    sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Sound speed, m/s.", "M/S")
     dimension: Literal[2, 3] = option(3, "Dimension of the sound field: 3 in a room, 2 in a plate.")
     array_dimension: Literal[2, 3] | None = option(None, "2 if the array is plane, else 3.  [default: detected]")
     subset: str | None = option(None, "Use only these microphones, e.g. 0,3,8:12, or ::4 for every fourth.", "I,J,...")

@@ -12,20 +12,20 @@ from ..model.problem import ShortWindows
 from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
-WINDOW = 0.03  # seconds
+WINDOW = 0.03  # seconds, length of a window
 # Largest number of microphones, by the number of their coordinates. In space, 64 take a minute of processor time, and
 # the heights of a flat array are not found reliably: one such array has errors of 41 mm in space and 6 mm in the plane.
 MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # largest number of microphones of an array that is tested for being flat
-SKIP = 0.02  # seconds after the direct sound
+SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
 MAX_WINDOWS = 400  # largest number of windows of all takes together
 # Largest number of groups of all takes together, and number of microphones above which it is lower, because the time
 # for a group grows with the square of their number
 MAX_GROUPS, MANY = 120, 32
-MIN_WINDOWS = 30
+MIN_WINDOWS = 30  # smallest number of windows of a take, unless it is too short for so many
 SPACING = 1.5  # spacing of the frequencies relative to that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
-OCTAVE = 2.0  # least ratio of the ends of the band
+OCTAVE = 2.0  # least ratio of the upper to the lower end of the default band
 QUIET = 1e-3  # power over the mean power at a frequency, below which a window is in a pause
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # power over that at the end of the recording, below which an impulse response has ended

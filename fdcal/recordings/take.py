@@ -25,7 +25,7 @@ SUFFIXES = (".wav", ".w64")  # endings of files that a take is written to
 WAV_BYTES = 4e9  # largest size of a WAV file
 BLOCK = 0.1  # s of sound in a block
 PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
-FULL_SCALE = 2.0**31  # of the whole numbers that a sound card delivers
+FULL_SCALE = 2.0**31  # full scale of the whole numbers that a sound card delivers
 REPLAY = "or replay a recording: <replay>"
 
 Block = tuple[np.ndarray, bool]  # samples (N, t), and whether samples were lost before them

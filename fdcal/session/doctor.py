@@ -151,7 +151,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
-        # A second calibration begins at the list. It counts if it explains the pressures better than the blind one.
+        # A second calibration begins at the list. It counts if it explains the pressures better.
         listed = np.asarray(measurement.positions)
         every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # solvers need one to seek
         known = replace(measurement, known=every, known_positions=listed[every])
@@ -284,7 +284,7 @@ def _list(
         check = compare_positions(result.positions, listed)
     sure = result.verdict == "good"
     if not check.fits:
-        text = "the list does not fit the array found in any order: it is that of another array, or mostly far off"
+        text = "the list does not fit the array found in any order: it belongs to another array, or is mostly far off"
         text += "" if sure else f"; {result.verdict_text}"
         return Answer("list", "fault" if sure else "unknown", text, found=(("other", ""),) if sure else ())
     fit = list_fit(inputs, result, check, progress)

@@ -9,9 +9,9 @@ a room that decays evenly have, at a distance of x Hz, the squared correlation
 The solver makes the same assumption, so the covariance of its gradient is F + sum |r|^2 F' over all pairs of different
 frequencies, where F' is the part of the information F that the field contributes, not the noise. The covariance of the
 positions is larger by the same factor. The forecast assumes F' = F / 2. With impulses it adds the information of the
-arrival times:
+arrival times tau_n, where the position y of the source and b are unknown:
 
-    r_n = c tau_n - |x_n - s| - b      path to microphone n; source s and time of emission b are unknown
+    r_n = c tau_n - |x_n - y| - b      residual at microphone n, metres; b is c times the time of emission
 
 For small arrays in space it adds the short windows of the recording. They count as `ForecastRules.windows` independent
 windows, whatever the length of the recording, because a room has few waves.
@@ -44,7 +44,7 @@ from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT, WINDOW
 from ..solvers.robust.windows import MAX_DIAMETER
 from .process import one_blas_thread
 
-FLAT_M = 1e-6  # distance from a plane up to which microphones lie in it
+FLAT_M = 1e-6  # metres, distance from a plane up to which microphones count as lying in it
 FORMS = ("circle", "rectangle", "ball", "box")
 EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0.6x0.6x0.4"'
 
@@ -108,14 +108,14 @@ def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
     return geometry(Array(kind, center=(0.0,) * (2 if plane else 3), **size), np.random.default_rng(seed))
 
 
-ONE_PLACE = 1e-6  # of the array's extent: microphones that are closer count as one
+ONE_PLACE = 1e-6  # fraction of the array's extent; microphones that are closer count as one
 
 
 @dataclass(frozen=True)
 class PlanLimits:
     """Defaults, limits, and how much is computed."""
 
-    low: float = 20.0  # lowest frequency by default
+    low: float = 20.0  # Hz, lowest frequency by default
     # highest frequency by default, over f_max (Eq. 9): at f_max the field has as many functions as there are
     # microphones, so that the pressures do not predict each other
     high: float = 0.7
@@ -281,7 +281,7 @@ class ForecastRules:
     # benchmarks comparison`.
     windows: float = 960.0
     window_noise: float = 0.05  # least fraction of the power of the windows that their model leaves unexplained
-    window_frequencies: int = 40
+    window_frequencies: int = 40  # number of frequencies at which the information of the windows is computed
     size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
 
 
@@ -292,7 +292,7 @@ FORECAST = ForecastRules()
 class Forecast:
     """The error that a calibration is expected to have: RMS over the microphones that are sought, metres."""
 
-    rms: float  # expected
+    rms: float  # expected error
     low: float  # the errors of 8 of 10 recordings are between `low` and `high`
     high: float
     beyond: str = ""  # information that the forecast uses and the bound does not, in words
@@ -303,7 +303,7 @@ class Plan:
     """The forecast for a request, and for other numbers of takes and other signal-to-noise ratios."""
 
     request: PlanRequest
-    bound: Bound  # in a diffuse field
+    bound: Bound  # Cramer-Rao bound in a diffuse field
     forecast: Forecast
     # snr_db: (S,) ascending, takes: (T,) ascending, expected: (T, S) float64, metres, the forecast for other numbers of
     # source positions and other signal-to-noise ratios. The first ratio is that of the request

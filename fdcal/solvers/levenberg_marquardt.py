@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve
 from ..acoustics.compiled import check_deadline
 
 Unknowns = TypeVar("Unknowns")
-FIRST_DAMPING = 1e-3  # damping of the first step, and of the step after one that has failed
+FIRST_DAMPING = 1e-3  # damping, dimensionless, of the first step, and of the step after one that has failed
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DampedStep(Generic[Unknowns]):
     moved: float  # metres, largest change of a coordinate; 0 without a step
 
 
-MIN_DAMPING = 1e-9
+MIN_DAMPING = 1e-9  # smallest damping of the next step
 MAX_DAMPING = 1e6  # no step is tried with a damping above this
 INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
 DECREASE = 10.0  # divisor of the damping after a step

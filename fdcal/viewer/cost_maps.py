@@ -110,7 +110,8 @@ def map_modes(
     """Return the modes of a map, counted from 1.
 
     `state`: state of the solver; `chosen`: modes that the user has chosen. If it is None, a map shows the modes that
-    the solver uses; a map of Eq. 7 shows those of them that the microphones can carry, if there are any.
+    the solver uses; a map of Eq. 7 shows those of them that the microphones can carry, if there are any:
+    modes whose expansion has fewer functions than there are microphones (`fdcal.cost.eq7`).
     `order_offset`: that of a map of Eq. 7; None for a map of what the solver minimises.
     """
     if chosen is not None:
@@ -224,7 +225,7 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        # for volumes, with the key True for fine ones: their values, and their isosurfaces
+        # values, and isosurfaces, of the last coarse (key False) and fine (True) volume
         self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
         self._costs, self._fine_costs = Memo(), Memo()  # costs and minima of the last map on each thread
         self.worker = threads.worker(self._compute, quick=True)

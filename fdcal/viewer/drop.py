@@ -41,12 +41,12 @@ HANDLE_RADIUS = 1.7  # radius of a handle, in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
 FIXED = 0.9  # of microphones that cannot be dragged, so that a finger hits the others more easily
 BALL = 1.6  # of the ball, which users drag more often than other microphones
-SPECK = 1e-3  # of handles that no pointer should hit: those in the corners of the search domain, and all at first
+SPECK = 1e-3  # of handles that the pointer must not hit: those in the corners of the domain and, at first, all
 HANDLE_HEIGHT = 14 / 24  # height of a handle's centre over the floor, in radii of a marker
 
 
-ROLL_TIME = 1.4  # s in which a microphone that was released rolls to its minimum
-PATIENCE = 4.0  # s that a released microphone waits for its path; after that it stays where it is
+ROLL_TIME = 1.4  # time, s, in which a released microphone rolls to its minimum
+PATIENCE = 4.0  # time, s, that a released microphone waits for its path; then it stays where it is
 CONTINUE = "continue"  # command of the button that runs the solver from where a microphone has come to rest
 
 
@@ -96,7 +96,7 @@ class MovingMicrophone:
 
 
 class Drop:
-    """Owns the drag, the thread of the paths, and the numbers of tries and of those that reached the true position.
+    """Owns the drag and the thread of the paths; counts the tries, and those that reached the true position.
 
     `overlay` shows texts on the canvas.
     """
@@ -108,7 +108,7 @@ class Drop:
         self._requested: tuple[Drag, CostMap] | None = None
         self._gesture = -1  # the gesture to which the times below belong
         self._released = self._rolls = math.nan  # time at which the microphone was released, and began to roll, s
-        self._placed: tuple[SessionView, float] | None = None  # view and time, s, at the placement
+        self._placed: tuple[SessionView, float] | None = None  # view of the session, and time, s, when it was placed
         self._ended: object = None  # the state of the session in which the microphone has come to rest
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
@@ -209,7 +209,7 @@ class Drop:
             return True
         before, since = self._placed
         if self._drag is drag and (view is not before or now - since > PATIENCE):
-            # A session that answers after PATIENCE must not be taken for the next move, which removes the words.
+            # An answer of the session after PATIENCE must not count as another change, which would remove the words.
             self._drag, self._ended = None, view.state if view is not before else None
         return False
 
@@ -240,7 +240,7 @@ class Drop:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
         home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
-        # A layer must also have the height of the true position.
+        # On the map of a layer the height must agree as well.
         home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
 
@@ -296,7 +296,7 @@ class MicrophonePicker:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         level, sight = float(self._shown[index, 2]), point - eye
-        # A line of sight that does not go downwards never meets the height of the microphone. A busy page reports NaN.
+        # Only a line of sight that goes down meets the height of the microphone. NaN, as of a busy page, fails as well.
         if level < eye[2] and sight[2] < -1e-9 * np.linalg.norm(sight):
             place = (eye + sight * ((level - eye[2]) / sight[2]))[:2]
             place = np.clip(place, self._low[:2], self._high[:2])
@@ -307,7 +307,7 @@ class MicrophonePicker:
             self.forget(event.client_id)
 
     def forget(self, client_id: int) -> None:
-        """Release the microphone that a page drags at its last place: its pointer was released, or the page closed."""
+        """Release the microphone that a page drags, at its last place: the pointer was released or the page closed."""
         gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
         if gesture is not None and last is not None:
             move, index, place = last

@@ -146,7 +146,7 @@ class OwnFiles:
         return filled(FORM.read_text(encoding="utf-8"), parts)
 
     def _open(self, files: list[tuple[str, Path]], kind: Any, temperature: float) -> str:
-        """On the thread: show files as a session, and return the report of their import."""
+        """Show files as a session, and return the report of their import; on the thread."""
         from ..recordings.importer import import_recording, import_summary
 
         paths, lists = ([path for role, path in files if role == wanted] for wanted in (RECORDING, LIST))

@@ -214,7 +214,7 @@ class Overlay:
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self.acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
-        self.start = secrets.token_hex(8)  # of this start: a browser that meets another one drops its address
+        self.start = secrets.token_hex(8)  # names this start; a browser with the name of another drops its address
         self.channel = gui.add_text(CHANNEL, "", visible=False)
         self.channel.on_update(of_browsers(lambda event: self.receive(event.client, event.target.value)))
 

@@ -141,7 +141,7 @@ class SessionPicture:
         if choices.ellipses and found is not None and axes is not None:
             extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
             healthy = np.setdiff1d(every := np.arange(len(axes)), [*self._run.problem.known, *faulty])
-            sigma = root_mean_square(found.uncertainty[healthy if len(healthy) else every])  # as the verdict has it
+            sigma = root_mean_square(found.uncertainty[healthy if len(healthy) else every])  # as in the verdict
             note, scale = f"one sigma {length_text(sigma, 2)}", pictures.ellipse_scale(axes, extent)
             picture = pictures.with_ellipses(picture, positions, axes, floor, scale, note)
         if axes is not None:

@@ -134,7 +134,7 @@ class PageState:
     """What the page shows; all of its views are functions of this state."""
 
     view: SessionView  # the states of the run; the one that is shown is in the frame of the page
-    now: float = 0.0  # s
+    now: float = 0.0  # time, s
     revision: int = 0  # number of the state on the screen: it counts the states that were shown
     microphone: int = 0  # microphone whose map is shown, counted from 0
     drawn: CostMap | None = None  # the map on the floor or in space

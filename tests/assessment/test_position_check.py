@@ -145,7 +145,7 @@ def test_known_microphones_fix_the_axes_unless_the_list_has_others():
     np.testing.assert_allclose(check.errors, np.linalg.norm(found - places, axis=1))
     assert not check.moved and check.agrees
     other = compare_positions(moved(places, 4), places, known=[0, 1, 2, 3])
-    assert other.moved and other.agrees and "other axes" in described(other, range(20))
+    assert other.moved and other.agrees and "different axes" in described(other, range(20))
 
 
 @settings(deadline=None, max_examples=8)

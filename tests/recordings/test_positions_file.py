@@ -165,8 +165,8 @@ def geometry(old: str, new: str) -> str:
         ("t.csv", "name,channel,x,y\na,1,0,0\nb,0,1,0\n", 'column "channel" of numbers is not understood'),
         ("t.csv", "name,x,y,nx\na,1,0,0.5\n", 'column "nx" of numbers is not understood'),
         ("t.csv", "name,x (mm),y (cm)\na,1,0\n", "the units in"),
-        ("t.csv", "name,x,y,unit\na,1,0,mm\nb,1,0,cm\n", "column of units does not hold one unit"),
-        ("t.csv", "name;x;y\na;1,5;2\nb;1.5;2\n", "with a comma and with a point"),
+        ("t.csv", "name,x,y,unit\na,1,0,mm\nb,1,0,cm\n", "column of units must hold a single known unit"),
+        ("t.csv", "name;x;y\na;1,5;2\nb;1.5;2\n", "have both commas and points"),
         ("t.csv", "mic,azimuth,elevation,r\na,1,0,1\n", "may be degrees or radians; write"),
         ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
         ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
@@ -177,7 +177,7 @@ def geometry(old: str, new: str) -> str:
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "not a readable array"),
-        ("t.xlsx", "abc", "not a readable file of Excel"),
+        ("t.xlsx", "abc", "not a readable Excel file"),
         ("t.xml", "<a><b><p x='1' y='2'/></b><c><p x='1' y='2'/></c></a>", "exactly one list of positions"),
     ],
 )
@@ -219,7 +219,7 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
 
 @pytest.mark.parametrize(("change", "said"), [
     (lambda x: 1.05 * x, r"the list is 5.0 % too large, or the air is (29|30|31) K warmer than assumed"),
-    (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its place"),
+    (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its listed position"),
     (lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
 ])  # fmt: skip
 def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(tmp_path, capsys, change, said):

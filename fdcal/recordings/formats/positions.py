@@ -1,6 +1,6 @@
 """Files of microphone positions: what their columns mean, and the formats that are read and written.
 
-Read: tables in text form and of Excel, geometries of Acoular, HARK, TASCAR and ODAS, JSON, arrays of NumPy, SOFA. An
+Read: text tables, Excel sheets, geometry files of Acoular, HARK, TASCAR and ODAS, JSON, NumPy arrays and SOFA. An
 ambiguous file raises an InputError that says how to write it. No column of numbers is ignored silently.
 
 Written:
@@ -33,8 +33,8 @@ from .sofa import from_spherical, placed_receivers
 
 MAX_BYTES = 10_000_000  # largest size of a file of positions
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # `float` would also accept 1_0
-LARGEST_M = 50.0  # largest median distance from the middle of an array; numbers that exceed it are millimetres
-STILL_M = 1e-3  # metres, largest movement of an array that counts as not moving
+LARGEST_M = 50.0  # metres; numbers whose median distance from their middle is larger are taken as millimetres
+STILL_M = 1e-3  # metres; an array whose positions change by no more than this counts as not moving
 ANGLES = ("azimuth", "elevation", "polar")
 # The contents of a column, and the words in a header that denote them; the first match counts.
 MEANINGS = {
@@ -59,7 +59,7 @@ UNITS = {
     **dict.fromkeys(("in", "inch", "inches"), 1 / 0.0254),
     **dict.fromkeys(("ft", "foot", "feet"), 1 / 0.3048),
 }
-# the unit in a comment of a file
+# finds the unit that a comment in a file states
 IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", re.IGNORECASE)
 
 log = logging.getLogger(__name__)
@@ -75,7 +75,7 @@ def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
 
 
 def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
-    """Return names and positions (N, 2 or 3), metres, in a file of any kind of READERS."""
+    """Return names and positions (N, 2 or 3), metres, in a file whose suffix is in READERS."""
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:
@@ -133,9 +133,9 @@ def _text(content: bytes) -> str:
 
 
 def _read_table(content: bytes) -> Placed:
-    """Return the positions in a table; the delimiter is the one that gives most cells that are numbers."""
+    """Return the positions in a table; the delimiter is the one that yields the most numbers."""
     text = _text(content)
-    separator = re.match(r'"?sep=(.)"?\r?\n', text)  # a first line of Excel
+    separator = re.match(r'"?sep=(.)"?\r?\n', text)  # Excel may write such a first line
     found = list[tuple[bool, int, Rows]]()
     for delimiter in separator[1] if separator else ",;\t| ":
         lines = re.sub(r"[ \t]+", " ", text) if delimiter == " " else text
@@ -198,7 +198,7 @@ def _read_odas(content: bytes) -> Placed:
     """Return the positions `mu` of the microphones in a configuration of ODAS."""
     found = re.findall(r"\bmu\s*=\s*[(\[]([^)\]]*)[)\]]", re.sub(r"(//|#).*", "", _text(content)))
     if not found:
-        raise _question("it holds no microphone: mu = ( x, y, z )", "give a configuration of ODAS")
+        raise _question("it holds no microphone: mu = ( x, y, z )", "give an ODAS configuration")
     return _of_records([dict(zip("xyz", map(str.strip, one.split(",")), strict=False)) for one in found])
 
 
@@ -233,7 +233,7 @@ def _read_object(content: bytes) -> Placed:
 def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
     """Yield the lists in a JSON value that may be the positions: key, value, and the object that contains it."""
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
-    columns = [list(one.values()) if isinstance(one, dict) else one for one in inner]  # pandas writes objects by index
+    columns = [list(one.values()) if isinstance(one, dict) else one for one in inner]  # pandas: columns are objects
     of_columns = bool(columns) and all(isinstance(one, list) and one for one in columns)
     if isinstance(value, dict) and of_columns and is_header(list(value)):
         yield key, [dict(zip(value, row, strict=True)) for row in zip(*columns, strict=True)], parent
@@ -301,7 +301,7 @@ def _of_sheet(rows: Rows) -> Placed:
         found = shown(",".join(first[0][1])) if first else ""
         wanted = "the line name,x,y or name,x,y,z"
         raise _question(f'it must begin with {wanted}, not with "{found}"', "write one line per microphone below it")
-    if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a comment with spaces between its cells
+    if head[0] == "#" and len(head) == 1 + len(first[-1][1]):  # a header in a comment: "#" is a cell of its own
         head = head[1:]
     number = min(data)
     units_row = [cell.strip("[]() -").lower() for cell in data[number]]
@@ -309,7 +309,7 @@ def _of_sheet(rows: Rows) -> Placed:
         head = [f"{cell} {unit}".strip() for cell, unit in zip(head, units_row, strict=True)]
         del data[number]
     if {len(row) for row in data.values()} == {len(head) + 1} and "name" not in [meaning(one)[0] for one in head]:
-        head = ["", *head]  # as R writes an index
+        head = ["", *head]  # R writes no header over its index
     names, places, remark = _of_rows(head, data, unit=unit)
     return names, places, remark or said
 
@@ -357,7 +357,7 @@ def _of_rows(
     cells = list(zip(*(row[: len(head)] for row in rows.values()), strict=True))  # of each column
     written = "".join(cell for c in columns for cell in cells[c])
     if "," in written and "." in written:
-        raise _question("it has numbers with a comma and with a point", "use one decimal sign and no separator")
+        raise _question("its numbers have both commas and points", "use one decimal sign and no separator")
     names = _names(head, cells, columns, unique)
     places = np.array([[float(row[c].replace(",", ".")) for c in columns] for row in rows.values()])
     for number, place in zip(rows, places.tolist(), strict=True):
@@ -369,12 +369,12 @@ def _of_rows(
         said = set(cells[kinds.index("unit")])
         lengths = {UNITS.get(said.pop().lower()) if len(said) == 1 else None}
         if None in lengths:
-            raise _question("its column of units does not hold one unit that is known", "write mm, cm or m")
+            raise _question("its column of units must hold a single known unit", "write mm, cm or m")
     if axes[-1] == "radius":
         places = _cartesian(places, [head[c] for c in columns], axes[1] == "polar")
     unit, remark = next(filter(None, lengths), unit), ""
     if unit is None:
-        # The median is not changed by a single wrong row.
+        # A single wrong row hardly changes the median.
         size = np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))
         unit = 1000.0 if size > LARGEST_M else 1.0
         if unit != 1:
@@ -383,7 +383,7 @@ def _of_rows(
 
 
 def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], unique: bool) -> list[str]:
-    """Return the names of the rows, or their numbers; InputError for a column of numbers that is not understood."""
+    """Return the names of the rows, or their numbers; InputError for a column of numbers without a known meaning."""
     kinds = [meaning(cell)[0] for cell in head]
     left = [c for c in range(len(head)) if c not in used and kinds[c] not in ("uncertainty", "unit")]
     naming = sorted((c for c in left if kinds[c] == "name"), key=lambda c: head[c] in ("", "#"))[:1]
@@ -437,12 +437,12 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
 
 # For each suffix: the reader, and the message for a file that it cannot parse.
 READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a table in text form")),
-    ".xlsx": (_read_sheet, "not a readable file of Excel"),
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), (_read_table, "not a text table")),
+    ".xlsx": (_read_sheet, "not a readable Excel file"),
     ".xml": (_read_xml, "not valid XML"),
     ".json": (_read_object, "not valid JSON"),
     ".npy": (lambda content: _of_array(np.load(io.BytesIO(content), allow_pickle=False)), "not a readable array"),
-    ".cfg": (_read_odas, "not a configuration of ODAS"),
+    ".cfg": (_read_odas, "not an ODAS configuration"),
     ".sofa": (placed_receivers, "not a SOFA file"),
 }
 

@@ -27,7 +27,7 @@ AXES = "MRNE"  # measurements, receivers, samples, emitters
 SAME_POSITION = 1e-6  # metres, distance up to which two source positions are the same
 WHOLE_DELAY = 1e-3  # distance of a delay from a whole number, samples
 EVEN = 0.01  # distance of a frequency from a multiple of the spacing, spacings
-MAX_DELAY = 10_000_000  # samples
+MAX_DELAY = 10_000_000  # samples, largest delay of a response that is accepted
 
 
 @contextlib.contextmanager

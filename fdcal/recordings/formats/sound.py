@@ -22,7 +22,7 @@ from . import Format
 
 # What libsndfile logs about a chunk that is longer than the file, in WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE)
-LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # of RF64
+LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # the same for RF64
 # Lengths that programs write when they do not know the length: sox, ALSA, ffmpeg, 64-bit formats.
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
 READ_ON = "the length in its header is not that of the file, which is read to its end"

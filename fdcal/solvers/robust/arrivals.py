@@ -5,12 +5,12 @@
 
 r_tn is the residual of the arrival time tau_tn at microphone n in take t, multiplied by c. y_t is the position of the
 source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, and q_t the inverse of the distance of
-the source from x_0. A plane wave has q = 0, where nothing is singular. The derivatives follow from
+the source from x_0. A plane wave has q = 0, where no formula is singular. The derivatives follow from
 g (2 + q g) = q z^2 - 2 u . z:
 
     dg / du = -z / s,    dg / dq = (z^2 - g^2) / (2 s),    dg / dz = (q z - u) / s
 
-The residuals have a Student t distribution of NU degrees of freedom, since a time may belong to a reflection. u_t, q_t
+The residuals have a Student t distribution of NU degrees of freedom, since a time may be that of a reflection. u_t, q_t
 and the path b_t (c times the time of emission) are profiled out for each take: at their optimum the gradient with
 respect to the positions equals that at fixed u, q and b, and the Gauss-Newton matrix is the Schur complement (Golub and
 Pereyra, "The Differentiation of Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", SIAM J.
@@ -65,7 +65,7 @@ MIN_DAMPING = 1e-9
 NEAREST = 0.1  # metres, least distance of a source from the middle of the array
 # smallest ratio of the curvature of a residual's cost to its weight that is used; that of an outlier is negative
 MIN_CURVATURE = 0.1
-STARTS = (0.0, 0.6)  # inverse distances from which the fit begins, times the radius of the array
+STARTS = (0.0, 0.6)  # first values of q in the fit, times the radius of the array
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,7 @@ def counted(problem: Problem) -> np.ndarray:
     return np.sum(np.isfinite(problem.arrivals), axis=1) > problem.dimension + 1
 
 
-PRIOR_COUNT = 4.0  # weight of the stated sigma, in arrivals
+PRIOR_COUNT = 4.0  # weight of the stated sigma in the estimate of sigma, as a number of arrivals
 
 
 MIN_SPREAD = 5e-3  # metres, smallest sigma that is assumed for the coordinates before arrivals are used
@@ -332,7 +332,7 @@ def near_positions(
 
 
 OUTLIER = 4.0  # robust standard deviations beyond which a residual does not count in sigma
-MIN_SIGMA = 0.2  # least sigma over the stated one
+MIN_SIGMA = 0.2  # smallest estimate of sigma, over the stated sigma
 MAX_CHANGE = 4.0  # largest factor by which one update changes sigma
 
 

@@ -2,7 +2,7 @@
 
 The objective is the negative log likelihood of the modes in use plus the priors of gains, given positions and sound
 speed, and the terms of arrivals and short windows if there are any. One vector holds the unknowns: the P parameters of
-every microphone (its coordinates and, where gains are free, log gain and phase, and with filters delay d_n and corner
+every microphone (its coordinates; where gains are free, log gain and phase; with filters, also delay d_n and corner
 kappa_n), then the logarithm of the ratio of the sound speed to the one that the wavenumbers assume. The likelihood
 depends only on the product of wavenumber and length, so that a higher sound speed is equivalent to a smaller array:
 
@@ -15,9 +15,8 @@ Gains and given positions have Student t priors of NU degrees of freedom,
     -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
 
 where e is the deviation and d its number of components. Because of their long tails, a wrong gain or given position
-hardly moves the others.
-In the Gauss-Newton matrix such a prior has the weight w = (NU + d) / (NU sigma^2 + e^2). Positions that are
-given exactly have no prior: their coordinates are not free (`Objective.free`).
+hardly moves the others. In the Gauss-Newton matrix such a prior has the weight w = (NU + d) / (NU sigma^2 + e^2).
+Positions that are given exactly have no prior: their coordinates are not free (`Objective.free`).
 
 The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic
 approximation how far away the minimum is:
@@ -134,7 +133,7 @@ def spring(square: Any, sigma: float, components: int, freedom: float = NU):
 class Evaluation:
     """The objective at some unknowns."""
 
-    cost: float  # with the priors
+    cost: float  # nats, priors included
     # gradient, matrix: (F,) and (F, F) float64, gradient and Gauss-Newton matrix; empty if only the cost is needed
     gradient: np.ndarray
     matrix: np.ndarray
@@ -437,7 +436,7 @@ class ChannelStep:
 
     unknowns: Unknowns
     cost: float  # infinite if a covariance is singular
-    decrease: float  # of the cost
+    decrease: float  # nats, decrease of the cost
     damping: float  # damping of the next step
     moved: float  # metres, largest change of a coordinate
     free: np.ndarray  # see `Objective.free`
@@ -568,7 +567,7 @@ def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> f
     return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
 
 
-# largest Newton step left of a converged run, in sigmas of the coordinate
+# largest Newton step that may remain in a converged run, in sigmas of the coordinate
 CONVERGED_SIGMAS = 0.2
 
 

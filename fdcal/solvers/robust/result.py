@@ -8,8 +8,8 @@ without given positions is hardly likelier. The test statistic is
 Under the model 2 S has a chi-square distribution, with one degree of freedom for each given coordinate beyond those
 that place the array as a whole. A wrong given position, a wrong sound speed and an array that was not found all make S
 large. So does a field that is less random than its model. Where the claimed covariance is e times that of the
-likelihood, S = a + b (a of the prior, b of the cost) is therefore replaced by (a + b)^2 / (a + e b), which is exact for
-a quadratic of one coordinate.
+likelihood, S is therefore replaced by (a + b)^2 / (a + e b), where a is the part of S from the prior and b the part
+from the cost. This is exact for a quadratic of one coordinate.
 """
 
 from dataclasses import replace

@@ -49,7 +49,7 @@ class Claim:
 
     objective: Objective
     evaluated: Evaluation  # the objective at the final unknowns
-    weakened: Evaluation  # of the objective with a more powerful field, at the same unknowns
+    weakened: Evaluation  # the objective at the same unknowns, with a more powerful field
     likely: Quadratic  # quadratic of the weakened objective
     spread: PositionSpread
     excess: float  # claimed variance over that of the likelihood, at least 1

@@ -35,7 +35,7 @@ from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from ..starts import coherence_start
 
 MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
-# largest ratio of the diameter of the array to the path of sound during one window. In a larger array a reflection
+# Largest ratio of the diameter of the array to the path of sound during one window. In a larger array a reflection
 # falls into different windows at the two ends, which the covariance neglects. An array of 3 m, for which windows of
 # 30 ms are too short, has an error of 49 mm with this term and of 8 mm without it. Arrays of 1.6 m have errors of 5 to
 # 30 mm with it and of 15 to 118 mm without it.
@@ -50,7 +50,7 @@ STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
 MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
-# nats; a stage, or the last stage, ends when a step lowers the cost by less than this. With 0.2 instead of 0.05 one
+# nats; an earlier stage, and the last one, ends when a step lowers the cost by less. With 0.2 instead of 0.05 one
 # circle of 8 microphones is not recognised as flat, and its error grows from 5 to 10 mm.
 DECREASE, LAST_DECREASE = 10.0, 0.05
 # smallest decrease of the cost, nats over the dispersion, for which one more wave is kept. Only every second frequency
@@ -58,7 +58,7 @@ DECREASE, LAST_DECREASE = 10.0, 0.05
 # and the error falls; for a circle of 8, the second wave decreases it by 30, and the error does not change
 WAVE_NATS = 50.0
 MAX_WAVES = 10  # largest number of waves of a take
-ROUNDS = 2  # iterations of the dispersion lambda
+ROUNDS = 2  # number of iterations in which the dispersion lambda is found
 # nats over the dispersion: the largest difference of the costs of two arrays that the misfit of the model can cause. If
 # a level circle is assumed to be upright, the cost can be lower by up to 43. Moving one microphone of a ball of 32 to
 # its mirror image raises the cost by 35 to 70 if the source is near the middle of the room, and by 210 or more in other
@@ -328,7 +328,7 @@ def _minimised(
 
 
 LOWEST_GROUPS = 5  # number of frequencies at which the coherence is examined
-MIN_COHERENCE = 0.2  # squared coherence with another microphone; that of a dead channel is 1 / (number of windows)
+MIN_COHERENCE = 0.2  # least squared coherence with some other microphone; a dead channel has 1 / windows
 FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
 HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, over its RMS radius
 

@@ -56,7 +56,7 @@ OPEN_TIME = 2.0  # s within which a client must send its request; a server that 
 STALL_TIME = 10.0  # s within which a client must read some of the bytes that wait for it
 MAX_UNREAD_BYTES = 16_000_000  # bytes that may wait for one client
 NOT_READING = "a client that does not read was disconnected"
-PROTOCOL_ERROR = 1002  # code of a closed connection
+PROTOCOL_ERROR = 1002  # code with which a connection is closed
 
 
 REFUSALS = collections.Counter[str]()  # log records of refused clients, of each kind

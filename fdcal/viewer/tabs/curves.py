@@ -24,7 +24,7 @@ from ..state import Binding, PageState, Tab
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
-APART = 0.3  # s between data of another extent and the new axes for them
+APART = 0.3  # s, delay of new axes after the data that need them
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
 
 # Of the ordinate: the powers of ten on a logarithmic axis; the ends of a linear axis; None: uPlot chooses the axis.
@@ -98,7 +98,7 @@ def dots(size: float, stroke: str, fill: str) -> Any:
     return {"show": True, "size": size, "width": 1.5, "stroke": stroke, "fill": fill}
 
 
-MAX_POINTS = 600  # largest number of points of a plot, all of which are sent each time
+MAX_POINTS = 600  # largest number of points of a plot; every update sends all of them
 ZERO = 1e-9  # mm; it replaces an error of zero, which has no logarithm, and lies below the axis
 
 

@@ -1,8 +1,8 @@
 """The tab Map: microphone, modes and kind of the map, an animation that adds modes, and the power spectrum.
 
 The animation "Add frequencies one by one" adds modes to the map from the lowest up, or from a high one down, and counts
-the local minima of each sum. A thread computes its maps on the same fine lattice as the map of a page at rest, so that
-both have the same local minima.
+the local minima of each sum. A thread computes its maps on the same fine lattice as the map that the page
+shows when nothing changes, so that both have the same local minima.
 """
 
 from collections.abc import Callable, Iterator
@@ -72,7 +72,7 @@ LABELS = {
 
 
 class MapTab(Tab):
-    """Owns the controls of the map, each of which is visible if it has an effect on the kind of map.
+    """Owns the controls of the map, each of which is visible only if it affects the map that is shown.
 
     `kinds`: the kinds of map that are possible.
     """
@@ -172,7 +172,7 @@ class Sweep:
 
 @dataclass
 class Playback:
-    """A sweep that plays."""
+    """The state of a sweep that is being played."""
 
     next: int = 0  # number of the next map, counted from 0
     due: float = float("-inf")  # time at which the next map is shown, s; by default at once
@@ -186,7 +186,7 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 
 HIDDEN = -1e3  # ordinate below the plot, for points without a value, because uPlot cannot draw NaN
 ORDERS = {"Lowest first": False, "Highest first": True}  # whether modes are added from the highest down
-RATE, MAX_RATE = 4, 20  # modes per second
+RATE, MAX_RATE = 4, 20  # modes added per second: at first, and at most
 ADVICE = (
     "Frequencies are added to the map one by one, and its local minima are counted, until one is left: the position"
     " that fits all frequencies."
@@ -239,7 +239,7 @@ class SweepTab(Tab):
                 # the film's scene begins with the highest
                 highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
-                    "Highest freq.", 1, modes, 1, highest, lambda _: self._restart(), hint="Number of the highest one"
+                    "Highest freq.", 1, modes, 1, highest, lambda _: self._restart(), hint="Highest frequency number"
                 )
                 self.rate = binding.gui.add_slider("Speed (1/s)", 1, MAX_RATE, 1, RATE, hint="Frequencies per second")
             self.text = binding.gui.add_html(html.remark(ADVICE))
@@ -248,7 +248,7 @@ class SweepTab(Tab):
         self.plots = (self._plot,)
 
     def toggle(self) -> None:
-        """Play from the modes of the map, or stop."""
+        """Play the sweep from the modes that the map shows; if it is playing, stop it."""
         if self.playing is not None:
             self.playing = None
             return
@@ -261,7 +261,7 @@ class SweepTab(Tab):
     def sum_modes(self, count: int, alone: bool | None = None) -> None:
         """Stop, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone, self.playing = self.alone if alone is None else alone, None
-        if not self._binding.run.solver.TRAITS.moves_all:  # because its steps minimise the map that is shown
+        if not self._binding.run.solver.TRAITS.moves_all:  # the steps of such a solver minimise the map shown
             self._binding.session.pause()
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
@@ -271,7 +271,7 @@ class SweepTab(Tab):
 
     @property
     def alone(self) -> bool:
-        """Whether the map shows a single mode; if it shows the first mode, which is also a sum, the answer stays."""
+        """Whether the map shows a single mode; for the first mode, which is also a sum, the last answer is kept."""
         modes = self._binding.choices.modes
         if modes != self._sequence()[:1]:
             self._alone = modes is not None and len(modes) == 1
@@ -303,7 +303,7 @@ class SweepTab(Tab):
     def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
         """Return the map of the sweep instead of `drawn`, if the sweep has the map that is wanted.
 
-        While it plays, a map stays until the next one is computed.
+        While the sweep plays, each map is shown until the next one is computed.
         """
         sweep, style, last = self._sweep, wanted.style, self._last
         if sweep is not None and style.kind == "flat":
@@ -340,7 +340,7 @@ class SweepTab(Tab):
         """Request the maps of a sweep that plays or is wanted, play it, and update the controls."""
         binding, choices, playing = self._binding, self._binding.choices, self.playing
         if playing is None and self._revision != state.revision:
-            self._wanted = self.worker.requested = None  # its curve is of another state
+            self._wanted = self.worker.requested = None  # the curve belongs to another state
         if (playing is not None or self._revision == state.revision) and not state.view.running:
             style, order = MapStyle(log=choices.log), choices.map_order
             of = state.revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
@@ -380,7 +380,7 @@ class SweepTab(Tab):
             wanted = tuple(sorted(modes[: playing.next]))
 
         def go() -> None:
-            """On viser's event loop, unless the user has stopped or chosen other modes meanwhile."""
+            """Show the map unless the user has stopped or chosen other modes meanwhile; on viser's event loop."""
             if playing is not self.playing:
                 return
             if wanted is None or playing.shown not in (None, self._binding.choices.modes):
@@ -393,8 +393,8 @@ class SweepTab(Tab):
 
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # colours of the spectrum, and of the area below it
-MAX_POINTS = 700  # number of points of the spectrum, all of which are sent each time
-ABOVE, BELOW = 6.0, 8.0  # distance of the strongest peak from the top of the plot, of the weakest from the bottom, dB
+MAX_POINTS = 700  # largest number of points of the spectrum; every update sends all of them
+ABOVE, BELOW = 6.0, 8.0  # dB, space above the strongest peak, and least space below the weakest one
 MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
 
 
@@ -402,7 +402,7 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray, n
     """Return the spectrum of a measurement, and the levels of its first `modes` peaks.
 
     The spectrum is (2, F) float64, Hz and dB re its maximum, with the greatest level of each of MAX_POINTS intervals;
-    of a measurement without a spectrum it has the mean power of each mode. The peaks are (modes,) float64, dB.
+    for a measurement without a spectrum it has the mean power of each mode. The peaks are (modes,) float64, dB.
     """
     f = measurement.frequencies[:modes]
     order = np.argsort(f, kind="stable")
@@ -452,8 +452,8 @@ class SpectrumTab(Tab):
     def columns(self, used: tuple[int, ...], limit: float) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.
 
-        `used`: modes in the map, counted from 1; `limit`: f_max. Returns tuple of (P,) float64, frequency (Hz), curve,
-        dots of modes not in the map, dots of modes in the map, line of f_max (dB).
+        `used`: modes in the map, counted from 1; `limit`: f_max, Hz. The columns are (P,) float64: frequency, Hz, and
+        in dB the curve, the dots of modes not in the map, the dots of modes in the map, and the line of f_max.
         """
         x, curve = self._x, self._curve
         inside, columns = np.isin(self._rows, used), [x, curve, *np.full((3, len(x)), HIDDEN)]
@@ -467,14 +467,14 @@ class SpectrumTab(Tab):
         return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
 
     def inputs(self, state: PageState) -> tuple:
-        """Return the modes of the map and the highest frequency of the array."""
+        """Return the modes of the map, and f_max of the estimated array, Hz (Eq. 9)."""
         choices, shown, problem = self._binding.choices, state.view.state, self._binding.run.problem
         used = map_modes(self._binding.run, shown, choices.modes, choices.map_order)
         limit = array_f_max(shown.positions, problem.sound_speed, problem.dimension)
         return used, round(limit) if np.isfinite(limit) else limit
 
     def show(self, state: PageState) -> None:
-        """Show the modes of the map, and below the plot the highest of them, with a warning if it is beyond f_max."""
+        """Update the plot, and the text below: the highest mode, f_max, and a warning if the mode is beyond f_max."""
         measurement, problem = self._binding.measurement, self._binding.run.problem
         used, limit = self.inputs(state)
         self.plot.show(self.columns(used, limit), self._range)
