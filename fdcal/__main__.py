@@ -55,7 +55,7 @@ def _interrupted(number: int, frame: FrameType | None) -> None:
 
 def _end_at_once(*_) -> None:
     """End the process, because a library that is interrupted while it loads may raise any exception or ignore it."""
-    os.write(2, b"error: interrupted; nothing is left half-written\n")
+    os.write(2, b"error: interrupted; no incomplete file is left\n")
     os._exit(130)
 
 

@@ -51,7 +51,7 @@ class SpectrumRules:
 
 
 SPECTRUM = SpectrumRules()
-BLOCK = 4096  # samples that are transformed at the same time
+BLOCK = 4096  # number of samples that are transformed at the same time
 
 
 def window_rate(recordings: np.ndarray, fs: float) -> float:

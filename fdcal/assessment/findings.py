@@ -154,7 +154,7 @@ def _many_unexplained(seen: Judged, limit: float) -> bool:
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
-    """Return whether too many given positions are misplaced (one may always be), or too few are right for a frame."""
+    """Return whether too many given positions are misplaced (one is never too many), or too few right for a frame."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
     return few or sum(one.kind == "misplaced" for one in wrong) > max(1, limit * len(problem.known))
@@ -264,7 +264,7 @@ FINDINGS: tuple[Finding, ...] = (
     Finding("model_mismatch", _many_unexplained,
             lambda seen: "no sound field without sources explains microphone"
                          f" {listed(one.name for one in seen.unexplained)}: {CAUSES}",
-            "", MAX_UNEXPLAINED, "fraction of channels not explained by the field; many have a common cause"),
+            "", MAX_UNEXPLAINED, "fraction of channels not explained by the field; so many have a common cause"),
     Finding("model_mismatch", lambda seen, limit: seen.by_rows
             and np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
             lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"

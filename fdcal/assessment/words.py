@@ -126,7 +126,7 @@ def result_sentences(
     if end == "Ended":
         said["run"] += f"; {STEP_LEFT}"
     if result.cost_db is not None:
-        said["cost"] = f"unexplained power {result.cost_db:.1f} dB (Eq. 7, all usable frequencies)"
+        said["cost"] = f"{result.cost_db:.1f} dB, the unexplained power (Eq. 7, all usable frequencies)"
     numbers = result.counted(given)
     error = ""
     if result.mean_error is not None and result.max_error is not None:

@@ -34,10 +34,10 @@ from ..session.sources import with_settings
 from . import file_commands, plot_commands, report
 from . import options as opt
 
-INTERRUPTED = "interrupted; nothing is left half-written"
+INTERRUPTED = "interrupted; no incomplete file is left"
 NO_MEMORY = "there is not enough memory for this; use fewer microphones, frequencies or candidate positions"
 REPORT = "this is a fault of fdcal; please report it with the command, its input and what the same command prints with"
-LONGEST = 600  # characters of an error message
+LONGEST = 600  # largest number of characters of an error message
 ENTRY_POINTS = "fdcal.commands"
 
 
@@ -206,7 +206,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "Distance of microphones I, J if none is known; size and sound speed follow.",
+@opt.option("--distance I,J,METRES", "Distance of microphones I, J if none is known: gives size and sound speed.",
             type=opt.distance)  # fmt: skip
 @opt.option("--time-limit SECONDS", "Processor time after which the run ends with its best positions.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")

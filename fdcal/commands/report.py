@@ -31,7 +31,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         certain = "" if sigma is None else f", one sigma {sigma:.2g} m/s"
         said["speed"] = f"{result.sound_speed:.2f} m/s estimated{certain}; {measurement.sound_speed:.1f} m/s given"
     if inputs.scene is not None and inputs.scene.room.response is not None:
-        said["field"] = "plane waves from an impulse response measured at one point; modelled between the microphones"
+        said["field"] = "modelled between the microphones by plane waves, from an impulse response at one point"
     if (given := words.given_table(result)) is not None:
         (head, table), widths = given, [max(map(len, column)) for column in zip(*given[1], strict=True)]
         rows = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in table)

@@ -45,8 +45,8 @@ from .scale import DECADES, DEPTH, FEW_MODES, Minima, on_scale
 
 NEGLIGIBLE = 1e-15  # size below which the Chebyshev coefficients of a map are omitted
 VOLUME_NEGLIGIBLE = 1e-8  # the same for a volume
-MAX_VALUES = 10_000_000  # numbers in the rows of W that are in memory at the same time; they take 160 MB
-FINE = 500  # points along the longer edge of a fine map
+MAX_VALUES = 10_000_000  # largest number of values of W in memory at the same time; they take 160 MB
+FINE = 500  # number of points along the longer edge of a fine map
 
 
 # Chebyshev nodes over a search domain, and the interpolation from them to a lattice.

@@ -41,7 +41,7 @@ from scipy.special import j0, j1
 from ..acoustics.dictionary import sinc
 from ..model.validation import Bools, Complexes, Integers, Reals
 
-CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone
+CHANNEL = ("x", "y", "z", "log gain", "phase")  # parameters of a microphone and its channel
 # matrices Q_l of the quadratic harmonics Y_l(u) = u^T Q_l u
 QUADRATIC = np.array(
     [

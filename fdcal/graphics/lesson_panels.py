@@ -18,7 +18,7 @@ from .marks import ESTIMATE, css
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
 WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
 POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, in units of the chart
-FEW = 4  # number of channels in a list
+FEW = 4  # number of channels that a list shows
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
 FAULTY = f" style='font-weight: 700; color: {css(ESTIMATE)}'"  # row of a channel or a position that is wrong

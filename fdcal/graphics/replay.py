@@ -61,7 +61,7 @@ def packed(arrays: Mapping[str, np.ndarray]) -> dict:
     return {"arrays": listed, "bytes": base64.b64encode(zlib.compress(content, 9)).decode("ascii")}
 
 
-MAX_PRESSURES = 200_000  # complex numbers, 0.8 MB before compression
+MAX_PRESSURES = 200_000  # largest number of pressures in a file, 0.8 MB before compression
 LEVELS = 32767  # integer for the largest real or imaginary part of a mode; rounding errors are 96 dB below it
 
 

@@ -155,7 +155,7 @@ def brightened(volume: Volume) -> Volume:
 
 
 POINTS = 61  # points along the longest edge of a finished volume
-PIXELS = 240  # pixels along the longer edge of a layer
+PIXELS = 240  # number of pixels along the longer edge of a layer
 
 
 @dataclass(frozen=True)

@@ -253,7 +253,7 @@ def point_text(point: Any) -> str:
     return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
 
 
-LONGEST_KEY = 100  # characters of a key that are compared with the known keys
+LONGEST_KEY = 100  # only so many characters of a key are compared with the known keys
 LARGEST_INTEGER = 2**63  # beyond the integers that a file may hold
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 

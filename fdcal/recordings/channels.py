@@ -43,7 +43,7 @@ class ClippingThresholds:
 
 
 CLIPPING = ClippingThresholds()
-MAX_LISTED = 6  # faulty channels that a message names
+MAX_LISTED = 6  # largest number of faulty channels that a message names
 Edge = dict[float, int]  # the two greatest values of some samples, the greatest first, and how often each occurs
 
 

@@ -23,8 +23,8 @@ from .recording import MIN_SAMPLES, ranges, read_samples, select_channels
 
 SUFFIXES = (".wav", ".w64")  # endings of files that a take is written to
 WAV_BYTES = 4e9  # largest size of a WAV file
-BLOCK = 0.1  # s of sound in a block
-PATIENCE = 5.0  # s without a block, after which a sound card counts as disconnected
+BLOCK = 0.1  # s, length of a block of sound
+PATIENCE = 5.0  # s; a sound card that gives no block for so long counts as disconnected
 FULL_SCALE = 2.0**31  # full scale of the whole numbers that a sound card delivers
 REPLAY = "or replay a recording: <replay>"
 

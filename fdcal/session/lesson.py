@@ -31,7 +31,7 @@ Panel = Literal["none", "distance", "prediction", "channels"]
 MAX_ORDER_OFFSET = 4  # largest number added to the order of a map (Eq. 3)
 MAX_CHOICES = 6  # largest number of choices of one question
 MAX_MODE = 9999  # highest number of a mode, counted from 1
-FILE_BYTES = 1_000_000  # size of a lesson
+FILE_BYTES = 1_000_000  # largest size of a lesson
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 

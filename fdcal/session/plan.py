@@ -135,7 +135,7 @@ class PlanLimits:
 PLAN_LIMITS = PlanLimits()
 
 
-MIN_FREQUENCIES = 3  # least number that a calibration needs
+MIN_FREQUENCIES = 3  # smallest number of frequencies that a calibration needs
 
 
 @dataclass(frozen=True)

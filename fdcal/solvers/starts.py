@@ -48,7 +48,7 @@ LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes of the affi
 RANDOM_STARTS = 32
 RANDOM_SIZE = 24
 RANDOM_LOWEST = (3, 5, 8)  # how many of the lowest modes random starts are fitted to first, in turn
-COHERENCE_LOWEST = 5  # the same number for starts by coherence
+COHERENCE_LOWEST = 5  # number of the lowest modes to which starts by coherence are fitted first
 
 
 @dataclass(frozen=True)

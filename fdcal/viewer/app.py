@@ -12,8 +12,8 @@ from .opening import film_html, opening_request
 from .server.hardening import is_loopback, open_server
 from .server.process import error_log, share_one_heap
 
-BROWSER_TIME = 1.0  # s that the session waits, at most, until a browser requests the page with the film
-FIRST_PICTURE = 1.0  # s after the request, at most, until the film has begun and viser's program connects
+BROWSER_TIME = 1.0  # s, longest time that the session waits for a browser to request the page with the film
+FIRST_PICTURE = 1.0  # s, longest time from the request until the film begins and viser's program connects
 
 
 def serve(

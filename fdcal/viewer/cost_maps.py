@@ -63,7 +63,7 @@ class CostMapRequest:
     lineage: object = field(compare=False)  # lineage of the history to which the state belongs
 
     def replaces(self, wanted: "CostMapRequest", running: bool) -> bool:
-        """Return whether this map may be shown instead of `wanted`; while the solver runs, an older map may be."""
+        """Return whether this map may be shown instead of `wanted`; while the solver runs, an older map may, too."""
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (

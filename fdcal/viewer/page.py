@@ -38,7 +38,7 @@ from .server.process import release_memory
 from .session_view import Viewer
 from .tabs.lessons import LessonsTab, apply_setting, plain_choices
 
-CLOSE_TIME = 1.2  # s that the page waits for threads at the end
+CLOSE_TIME = 1.2  # s, longest time that the page waits for threads at the end
 COMPILING = "Finishing a compilation; press Ctrl-C again to exit without waiting ..."
 RATE = 25.0  # checks for changes, and updates of the screen, per second
 IDLE_RATE = 5.0  # the same after some time without a change; users and the solver wake the loop at once

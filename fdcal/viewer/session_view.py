@@ -89,7 +89,7 @@ class VerdictWorker:
             return assess_state(inputs, run.problem, state, CONTROLS)
 
 
-TRAIL_STATES = 200  # states over which a trail extends
+TRAIL_STATES = 200  # largest number of states over which a trail extends
 
 
 class SessionPicture:

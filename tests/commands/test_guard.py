@@ -73,7 +73,7 @@ def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
     )
     command = [sys.executable, "-c", script, "slow"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stderr) == (130, "error: interrupted; nothing is left half-written\n")
+    assert (run.returncode, run.stderr) == (130, "error: interrupted; no incomplete file is left\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -32,7 +32,7 @@ def line_of(text: str, head: str) -> str:
 def test_the_cost_is_in_decibels_and_in_the_file_with_and_without_a_search_domain(inputs, found):
     bare = replace(inputs, measurement=replace(inputs.measurement, search=None))
     for one, result in ((inputs, found), (bare, other := solve(bare))):
-        assert f"{result.cost_db:.1f} dB of the power" in line_of(summary(one, result), "cost")
+        assert f"{result.cost_db:.1f} dB, the unexplained power" in line_of(summary(one, result), "cost")
         assert fdcal.Calibration.from_json(result.to_json()).cost_db == result.cost_db
     assert other.cost_db < -30
 

@@ -228,7 +228,7 @@ def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its
     assert exit_code("calibrate", "tiny", "--known", "none", "--check", "--positions", positions) == 5
     lines = capsys.readouterr().out.splitlines()
     assert any(re.fullmatch(said, line) for line in lines)
-    assert sum(word in line for line in lines for word in ("too large", "its place")) <= 1
+    assert sum(word in line for line in lines for word in ("too large", "its listed position")) <= 1
 
 
 def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_never_given_to_the_solver(exchanged):

@@ -38,7 +38,7 @@ PLACES = "positions micpositions microphonepositions microphonepositionsm micpos
 ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples in an array of similar lengths
 LONGER = 2  # the axis of time is at least this many times as long as the other one
 UNEVEN = 0.01  # largest deviation of rounded times from evenly spaced times, in steps
-MAX_LISTED = 6  # arrays that a message lists
+MAX_LISTED = 6  # largest number of arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
 DIRECTIONS = {"azi_rad", "ele_rad"}  # arrays of a measured room: `fdcal.acoustics.plane_waves`
 

@@ -26,7 +26,7 @@ LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # the same for 
 # Lengths that programs write when they do not know the length: sox, ALSA, ffmpeg, 64-bit formats.
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
 READ_ON = "the length in its header is not that of the file, which is read to its end"
-LONGEST = 2**36 - 1  # samples of a FLAC file
+LONGEST = 2**36 - 1  # largest number of samples of a FLAC file
 _name: Callable[[Path], Any] = os.fsencode  # a path as bytes, which libsndfile opens in any encoding
 # Formats by their first bytes: number of bytes before the first chunk, and type of a chunk's length, which follows its
 # name of four bytes.

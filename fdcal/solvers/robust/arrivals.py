@@ -57,7 +57,7 @@ class ArrivalTerms:
     source: TakeSources  # the likeliest source of each take
 
 
-MAX_STEPS = 40  # Levenberg-Marquardt steps of the fit of the sources
+MAX_STEPS = 40  # largest number of Levenberg-Marquardt steps in the fit of the sources
 MIN_DECREASE = 1e-9  # nats; the fit ends when the next step predicts a smaller decrease of the cost
 # damping of the first step, and smallest damping
 DAMPING = 1e-3
@@ -248,7 +248,7 @@ class Arrivals:
         return source, cost
 
 
-SUBSETS = 40  # subsets of the microphones, to each of which a plane wave is fitted
+SUBSETS = 40  # number of subsets of the microphones, to each of which a plane wave is fitted
 
 
 @lru_cache(maxsize=4)

@@ -166,7 +166,7 @@ class Objective:
         return self.with_priors(unknowns, terms, derivatives)
 
     def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: bool = True) -> Evaluation:
-        """Return what `evaluate` does, from the `terms` of the likelihood at the unknowns."""
+        """Return the same as `evaluate`, from the `terms` of the likelihood at the unknowns."""
         gradient, matrix = np.zeros(0), np.zeros((0, 0))
         if derivatives:
             gradient, matrix = (part / self.tempering for part in _with_speed(unknowns, terms))
@@ -332,7 +332,7 @@ CARRYING_TAIL = 1e6
 
 
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
-    """Return one sigma of a given coordinate, metres, at the start; usually it can only fall later. 0 if exact."""
+    """Return one sigma of a given coordinate, metres, at the start, 0 if exact; later it usually only falls."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
     return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA

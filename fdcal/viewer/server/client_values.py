@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 from viser import _messages
 
-MAX_TEXT_LENGTH = 200  # characters of a text from a browser
+MAX_TEXT_LENGTH = 200  # largest number of characters of a text from a browser
 MAX_NUMBER = 2**53  # largest integer that a browser represents exactly
 MAX_ITEMS, MAX_DEPTH = 64, 4  # largest number of items and depth of one message
 

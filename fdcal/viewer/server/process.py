@@ -23,7 +23,7 @@ import viser
 from ...model.storage import cache_folder
 
 LOG_NAME, MAX_LOG_BYTES = "view.log", 1_000_000  # one older file is kept
-MAX_RECORD = 20_000  # characters of one record in the file
+MAX_RECORD = 20_000  # largest number of characters of one record in the file
 ROOT = "fdcal"  # root of this project's loggers
 OTHERS = ("asyncio", "websockets", "py.warnings")  # loggers that would otherwise print to the terminal
 
@@ -49,7 +49,7 @@ class _Lines(logging.Formatter):
 
 
 def _off_the_event_loop(record: logging.LogRecord) -> bool:
-    """Return whether a record is not from an event loop of viser, which must never wait for the terminal."""
+    """Return whether a record may go to the terminal, for which an event loop of viser must never wait."""
     if record.threadName == "MainThread":  # on which viser has no event loop, but a notebook has one
         return True
     try:

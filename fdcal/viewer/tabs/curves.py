@@ -22,7 +22,7 @@ from ...model.validation import evenly_spaced
 from ..state import Binding, PageState, Tab
 
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
-MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
+MAX_NUMBERED_DECADES = 9  # largest number of decades each of which has a number on the axis
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
 APART = 0.3  # s, delay of new axes after the data that need them
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis

@@ -67,10 +67,10 @@ def caption(state: PageState) -> str:
     return f"{state.run.scene.title}: step {shown.step}, {modes}"
 
 
-MAX_WAITING = 8  # files that may wait to be made
-MAX_PANELS = 8  # maps of single modes in a figure
+MAX_WAITING = 8  # largest number of files that wait to be made
+MAX_PANELS = 8  # largest number of maps of single modes in a figure
 REPLAY_BYTES = 300_000  # largest size of a replay, so that it can be sent by mail
-MAX_NAME = 60  # characters of the scene's name in the name of a file
+MAX_NAME = 60  # largest number of characters of the scene's name in the name of a file
 
 log = logging.getLogger(__name__)
 
