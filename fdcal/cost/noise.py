@@ -116,7 +116,7 @@ def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
 
 
 CHANNEL_COUNT = 6.0  # weight of the expectation tau = 1, as a number of observations
-# bounds on tau
+# bounds on tau, the noise of a channel over v
 MIN_CHANNEL_NOISE = 0.3
 MAX_CHANNEL_NOISE = 1e6
 

@@ -59,7 +59,7 @@ class ArrivalTerms:
 
 MAX_STEPS = 40  # largest number of Levenberg-Marquardt steps in the fit of the sources
 MIN_DECREASE = 1e-9  # nats; the fit ends when the next step predicts a smaller decrease of the cost
-# damping of the first step, and smallest damping
+# damping, dimensionless, of the first step, and the smallest damping
 DAMPING = 1e-3
 MIN_DAMPING = 1e-9
 NEAREST = 0.1  # metres, least distance of a source from the middle of the array

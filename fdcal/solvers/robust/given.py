@@ -114,8 +114,8 @@ def _released(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-# If the probability that the given positions would by chance disagree at least as much as they do exceeds this, they
-# are not examined further, to save time.
+# To save time, the given positions are not examined further if chance alone would cause at least their disagreement
+# with a probability above this.
 AGREE = 0.2
 
 

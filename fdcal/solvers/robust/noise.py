@@ -83,7 +83,7 @@ def centred(state: State) -> State:
 # smallest sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
 # by 10 to 15 %
 MIN_SPREAD = 1e-4
-# expected and largest sigma of delays, metres, and of corners, rad/m; the expected sigma has the weight of one channel
+# expected, and largest, sigma of delays, metres, and corners, rad/m; the expected one has the weight of one channel
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
 # expected error of a given coordinate, metres, and its weight as a number of positions; without them an array with a
@@ -314,10 +314,10 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# Weight, as a number of observations, that the power by direction of a take has in that of each of its rows, by the
-# dimension of the field. It is lower in two dimensions, because the modes of a plate differ more than the frequencies
-# of a room. If all rows of a take had the same power by direction, the errors of 9 of 27 arrays would be 4 to 160 %
-# larger; if all takes had the same one, the error of a measured array would be 71 mm.
+# Weight, as a number of observations, of a take's power by direction in the estimate of that of each of its rows, by
+# the dimension of the field. It is lower in two dimensions, because the modes of a plate differ more than the
+# frequencies of a room. If all rows of a take had the same power by direction, the errors of 9 of 27 arrays would be
+# 4 to 160 % larger; if all takes had the same one, the error of a measured array would be 71 mm.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
