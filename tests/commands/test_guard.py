@@ -94,8 +94,7 @@ def test_closed_streams_are_no_fault(tmp_path):
             os.close(number)
 
     command = [*FDCAL, "simulate", "tiny", "-o", "tiny.npz"]
-    run = subprocess.run(command, preexec_fn=close, cwd=tmp_path, timeout=120, capture_output=True)
-    assert run.returncode == 0
+    assert subprocess.run(command, preexec_fn=close, cwd=tmp_path, timeout=120, capture_output=True).returncode == 0
     assert (tmp_path / "tiny.npz").read_bytes()[:2] == b"PK"
 
 

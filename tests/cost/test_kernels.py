@@ -220,8 +220,7 @@ def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dim
     about = 1.5 * x - 0.2
     shared = likelihood_terms(x, p, replace(field, about=about)).cost
     assert shared != pytest.approx(likelihood_terms(x, p, field).cost, rel=1e-6)
-    away = likelihood_terms(x + 0.3, p, replace(field, about=about + 0.3)).cost
-    assert away == pytest.approx(shared, rel=1e-9)
+    assert likelihood_terms(x + 0.3, p, replace(field, about=about + 0.3)).cost == pytest.approx(shared, rel=1e-9)
     assert likelihood_terms(x + 0.3, p, replace(field, about=about)).cost != pytest.approx(shared, rel=1e-6)
     own = likelihood_terms(x, p, replace(field, about=None)).cost
     assert own == pytest.approx(likelihood_terms(x, p, replace(field, about=x)).cost, rel=1e-12)

@@ -200,8 +200,7 @@ def directly(problem: Problem, positions, noise, search, modes=MODES) -> np.ndar
     for point in layer.reshape(-1, layer.shape[-1]):
         moved = np.where(np.arange(len(positions))[:, None] == N, point, positions)
         costs.append(likelihood_terms(moved, p, field, derivatives=False).costs)
-    maps = np.transpose(costs) - len(positions) * np.log(noise)[:, None]
-    return maps.reshape(-1, *layer.shape[:2])
+    return (np.transpose(costs) - len(positions) * np.log(noise)[:, None]).reshape(-1, *layer.shape[:2])
 
 
 def assert_same(maps, expected):

@@ -87,8 +87,7 @@ def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the
     turn = np.array([[np.cos(1), -np.sin(1), 0], [np.sin(1), np.cos(1), 0], [0, 0, 1]])
     turned = replace(field, positions=field.positions @ turn, directions=field.directions @ turn)
     other = replace(field, positions=1.1 * field.positions)
-    after = [one.terms(turned).cost for one in (likelihood, louder)]
-    assert np.allclose(before, after, rtol=1e-12, atol=1e-6)
+    assert np.allclose(before, [one.terms(turned).cost for one in (likelihood, louder)], rtol=1e-12, atol=1e-6)
     # the own power of a window costs N log of its power, whatever the positions
     assert np.diff(before) == pytest.approx(np.diff([one.terms(other).cost for one in (likelihood, louder)]))
 

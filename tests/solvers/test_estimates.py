@@ -41,8 +41,7 @@ def test_the_uncertainty_of_a_dead_channel_is_not_that_of_the_array():
     healthy = np.repeat(np.arange(6) != 2, 2)
     gauge = spread._gauge(replace(problem, frame=None), x, healthy)
     assert np.abs(gauge @ rigid_motions(x)).max() < 1e-9, "no rigid motion is left"
-    only_dead = np.diag(np.where(healthy, 0.0, 1.0))
-    assert np.abs((gauge @ only_dead @ gauge.T)[healthy]).max() < 1e-9
+    assert np.abs((gauge @ np.diag(np.where(healthy, 0.0, 1.0)) @ gauge.T)[healthy]).max() < 1e-9
 
 
 def test_a_gain_that_all_channels_share_goes_to_the_field_and_changes_no_likelihood(ended):

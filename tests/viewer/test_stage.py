@@ -131,6 +131,14 @@ def test_only_what_has_changed_is_sent_and_what_the_next_picture_lacks_is_remove
     assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
+def test_a_relief_that_was_replaced_stays_until_pages_have_drawn_the_new_one(sent_scene, scene, measurement):
+    made, nodes = sent_scene
+    for cost in np.random.default_rng(1).uniform(1, 2, (2, 20, 20)):
+        nodes.show(compose(scene, measurement, floor=cost_floor(cost, scene.search, relief=True)))
+    left = [nodes.remove_old(now) or sum("relief/" in name for name in made.nodes) for now in (0.0, 1.0, 3.5)]
+    assert left == [2, 2, 1]
+
+
 def test_a_text_tells_the_page_for_which_scene_it_waits(sent_scene, scene, measurement):
     """A page draws a change later than it arrives; x of "/labelled" says which texts belong to what it draws."""
     made, nodes = sent_scene
