@@ -133,6 +133,7 @@ SHOWN = """name => {
 def ball(page):
     """The page after `ball3d` was chosen in Explore, in the tab Map; its test is the last: none finds `tiny` again."""
     press(page, "Explore")
+    page.wait_for_function("!location.hash.includes('layout=')")  # a change of layout closes the list of scenes
     page.get_by_role("button", name="Choose a scene").click()
     page.locator("[data-do='scene=ball3d']").click()
     page.get_by_role("button", name="Choose a scene").get_by_text("ball").wait_for()
