@@ -18,7 +18,8 @@ l         length of that axis, metres
 h         coefficient of a wall with outward normal n, 1/m: dp/dn = -h p. It is 0 at a rigid wall, and j k beta at an
           absorbing wall of the specific admittance beta = rho c / Z
 R         (gamma - h) / (gamma + h), reflection factor of a wall: 1 if it is rigid, -1 if it is pressure-release
-kappa     wavenumber of an eigenfunction along one axis, rad/m; in a box kappa_t^2 is the sum of the squares of two
+kappa     wavenumber of an eigenfunction along one axis, rad/m; in a box kappa_t^2 is the sum of the squares of two such
+          wavenumbers, one for each axis of the eigenfunctions
 
 Damping. Each term solves Helmholtz's equation at the same k, so p solves it exactly everywhere except at the source; p
 would not solve it if each eigenvalue had its own damping. A complex k that all terms have in common has two exact
@@ -148,7 +149,7 @@ def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndar
         squares = squares + kappa[:, numbers] ** 2
         shapes = shapes * (psi[..., :-1] * psi[..., -1:])[:, numbers]
     gamma = np.sqrt(squares - k[:, None] ** 2 + 0j)[..., None]
-    heights, level = np.unique(positions[:, -1], return_inverse=True)  # few in a lattice
+    heights, level = np.unique(positions[:, -1], return_inverse=True)  # a lattice has few heights
     low, high = (heights, source[-1:]) if heights[0] < source[-1] else (source[-1:], heights)
     h, length = 1j * k[:, None, None] * room.admittance, lengths[-1]
     R = -1.0 if room.walls == "pressure-release" else (gamma - h) / (gamma + h)
@@ -201,7 +202,7 @@ def _wall_eigenvalues(count: int, length: float, h: Numbers, steps: int) -> tupl
 
 
 RESONANCE_WIDTH = 2.2  # width of a resonance at -3 dB, Hz, times T60, s
-MAX_FREQUENCIES = 1_000_000  # largest number of frequencies in a band; more would fill the memory, and are a mistake
+MAX_FREQUENCIES = 1_000_000  # largest number of frequencies in a band; only a mistake in the input leads to more
 
 
 def mode_count(size: Sequence[float] | Reals, frequencies: ArrayLike, sound_speed: float) -> np.ndarray:

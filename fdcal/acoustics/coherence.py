@@ -31,7 +31,8 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     """Return the radius, metres, of the disc or ball that has the same coherence as the array; None if it is unknown.
 
     `pressures` (M, N) may have any unit, and each channel any gain; `wavenumbers` (M,) are in rad/m. The radius is
-    unknown if there are too few frequencies, fewer than two channels with a signal, or only too high frequencies.
+    unknown if there are too few frequencies, if fewer than two channels have a signal, or if all frequencies are too
+    high.
     """
     from scipy.special import j1, spherical_jn
 
@@ -47,7 +48,7 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h(k R)
     least, radius = np.inf, 0.0
     for fraction in INCOHERENT:
-        mean = (1 - fraction) * expected + 1 / p.shape[1]  # N independent channels would have 1 / N
+        mean = (1 - fraction) * expected + 1 / p.shape[1]  # the ratio of N independent channels is 1 / N
         costs = np.sum(np.log(mean) + coherent[:, None] / mean, axis=0)
         if costs.min() < least:
             least, radius = float(costs.min()), float(RADII[costs.argmin()])
@@ -58,7 +59,7 @@ SINGLE_WAVE = "the pressures are those of a single wave that passes the array: t
 SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times give the positions"
 
 
-# The phase counts as varying over the array if the power of the mean pressure, over the mean power, is below this.
+# The phase varies over the array if the power of the mean pressure, divided by the mean power, is below this.
 COHERENT = 0.5
 MIN_VARYING = 5  # smallest number of frequencies at which the phase varies
 SINGLE_VARIANCE = 0.06  # largest median variance of q for a single wave; with the reflections of a room it is about 0.2

@@ -4,8 +4,8 @@ numba stores machine code beside the source. If the folder of the source is read
 FDCAL_CACHE if that is set, otherwise in the user's cache folder. If no folder can be written to, every run compiles
 again.
 
-The functions that a calibration by the likelihood calls are not compiled. Otherwise its first run would wait for the
-compiler, and every run would wait until numba is loaded.
+The likelihood solvers call no compiled function. Otherwise their first run would have to wait for the compiler, and
+every run for the import of numba.
 """
 
 import functools
@@ -59,19 +59,19 @@ def shut_down_threads() -> None:
 
 
 def parallel_map(
-    function: Callable[[Item], Result], items: Iterable[Item], worth: bool = True, name: str = "modes"
+    function: Callable[[Item], Result], items: Iterable[Item], threaded: bool = True, pool: str = "modes"
 ) -> Iterator[Result]:
     """Return an iterator over the values of a function for all items, in their order, computed by up to 4 threads.
 
-    The function must not call `parallel_map`, because that could deadlock. Pass `worth=False` if there is so little
-    work that one thread is faster. `name` selects the pool of threads, "modes" or "takes". A function that takes long
+    The function must not call `parallel_map`, because that could deadlock. Pass `threaded=False` if there is so little
+    work that one thread is faster. `pool` names the pool of threads, "modes" or "takes". A function that takes long
     must use "takes", because solvers and maps wait for the threads of "modes".
     """
     items = list(items)
     runs = [partial(copy_context().run, function, item) for item in items]  # the context holds this thread's deadline
     try:
-        return _pool(name).map(lambda run: run(), runs) if worth else map(function, items)
-    except RuntimeError:  # the threads are being ended, and the pool accepts no more work
+        return _pool(pool).map(lambda run: run(), runs) if threaded else map(function, items)
+    except RuntimeError:  # `shut_down_threads` has been called, and the pool accepts no more work
         return map(function, items)
 
 

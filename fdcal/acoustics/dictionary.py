@@ -168,7 +168,7 @@ def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
         f[: top + 1] *= np.where(np.abs(zero) > np.abs(one), zero / f[0], one / f[1])
     else:
         f[: top + 1] /= f[0] + 2 * f[2::2].sum(axis=0)
-    # For small arguments, the first terms of the power series.
+    # Small arguments: sum the first terms of the power series.
     half = z[small] / 2
     l = np.arange(top + 1)[:, None] + odd / 2  # noqa: E741
     lead = np.ones((top + 1, len(half)), z.dtype)
@@ -181,7 +181,7 @@ def bessel(z: Numbers, top: int, spherical: bool = False) -> np.ndarray:
     return f[: top + 1]
 
 
-SMALL_SINC = 0.02  # argument below which the power series is used; the error is below 1e-12 on both sides
+SMALL_SINC = 0.02  # argument below which the power series is used; near it both formulas have errors below 1e-12
 
 
 def cosine_and_sine(z: Reals) -> tuple[np.ndarray, np.ndarray]:

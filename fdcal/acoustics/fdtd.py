@@ -198,7 +198,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     """Return the recordings of the source's pulse in the cells of the receivers (N, 2), metres : (N, T), any unit.
 
     `progress` is called about 50 times with the fraction done; an exception that it raises ends the run. Raises
-    InputError for a duration that is too long or shorter than the pulse, and as `make_grid` and `cells_at` do.
+    Raises InputError for a duration that is too long or shorter than the pulse, and as `make_grid` and `cells_at` do.
     """
     fs = source.band.sample_rate
     grid = make_grid(room, fs)

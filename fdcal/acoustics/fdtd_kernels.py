@@ -7,7 +7,8 @@ Steps are taken in blocks of BLOCK (split tiling in time). Each thread advances 
 every border with another strip it advances one row fewer in each step than in the step before; the triangles in space
 and time that are left out are filled in afterwards. The threads thus synchronise twice per block instead of once per
 step, so that other load on the machine delays them little. Within a strip the rows are visited as a wave front that is
-DEPTH steps deep. Both changes of the order yield exactly the numbers of a computation step by step.
+DEPTH steps deep. Both only change the order of the computation: the numbers are exactly those of a computation step by
+step.
 """
 
 import functools
@@ -110,6 +111,6 @@ def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> Non
         n = min(BLOCK, stop - start)
         for parts in (narrowing, widening):
             for _ in parallel_map(
-                lambda part, start=start, n=n: sweep(flat, start, n, *part, *tables), parts, worth=len(parts) > 1
+                lambda part, start=start, n=n: sweep(flat, start, n, *part, *tables), parts, threaded=len(parts) > 1
             ):
                 pass  # waits for each part

@@ -78,7 +78,7 @@ def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: 
     """
     rates = (s + 2j * np.pi * np.asarray(frequencies, dtype=float)) / fs
     samples = recordings.shape[1]
-    phases = np.exp(-rates * np.arange(min(BLOCK, samples))[:, None])  # of each block, except for a factor
+    phases = np.exp(-rates * np.arange(min(BLOCK, samples))[:, None])  # of the first block; others only need a factor
     phases = np.concatenate([np.real(phases), np.imag(phases)], axis=1)
     total = np.zeros((len(rates), len(recordings)), dtype=complex)
     for start in range(0, samples, BLOCK):
@@ -98,12 +98,12 @@ def mean_power(
     spacing of the points, Hz, and the power (F,) float64, in the squared unit of the recordings. Raises InputError as
     `check_band` does.
     """
-    from scipy.signal import get_window  # imported here: loading it takes 1 s, and a cached measurement omits it
+    from scipy.signal import get_window  # imported here: it loads in 1 s; a cached measurement does not need it
 
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
-    ringing = window_rate(recordings, fs) * samples / fs / SPECTRUM.decay
-    window = get_window("blackmanharris", samples, fftbins=False) ** ringing
+    exponent = window_rate(recordings, fs) * samples / fs / SPECTRUM.decay
+    window = get_window("blackmanharris", samples, fftbins=False) ** exponent
     padded = fast_length(SPECTRUM.padding * samples)
     step = fs / padded
     first, last = max(1, math.floor(lowest / step)), math.ceil(highest / step)

@@ -174,7 +174,7 @@ def judged(
 def _residual_to_noise(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return the reduced chi-square of the pressures of the `healthy` channels (N,) bool.
 
-    A channel has D coordinates, a gain and a phase as free parameters: D + 2 real ones, half as many complex ones.
+    A channel has D + 2 real parameters, its D coordinates, gain and phase. They count as (D + 2) / 2 complex ones.
     """
     v = estimate.field.noise[:, None] * estimate.channels.noise
     parameters = estimate.problem.array_dimension + 2
@@ -200,8 +200,8 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
         return 1.0, np.inf if len(problem.known) else 0.0
     loosest, by_model = 0.0, covariance_of(estimate, by_model=True)
     if given.sigma > 0:  # the largest sigma of a microphone without its own given position; at most 1 m along an axis
-        springs = zip(problem.known[kept], given.stiffness[kept], strict=True)
-        others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - spring * np.eye(D)) for n, spring in springs]
+        rows = zip(problem.known[kept], given.stiffness[kept], strict=True)
+        others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - stiffness * np.eye(D)) for n, stiffness in rows]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
     if given.carry_scale:  # without given positions only the assumption of an isotropic field determines the size
         return 1.0, loosest

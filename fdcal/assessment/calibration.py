@@ -67,7 +67,7 @@ class FaultKind:
 
     question: str  # question of `fdcal doctor` to which the fault belongs
     mend: bool = False  # whether the user can repair it, by exchanging cables or by correcting a row of a list
-    minor: bool = False  # whether it can mean just another type of microphone, whose response a calibration corrects
+    minor: bool = False  # whether the microphone may just be of another type, whose response a calibration corrects
 
 
 # All kinds of faults, for verdict, `--check`, import, `fdcal record` and `fdcal doctor`. `fdcal.recordings.channels`

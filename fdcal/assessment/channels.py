@@ -48,7 +48,8 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
     quiet = tau * field.noise_fraction < MAX_BY_POSITION  # then the phase of the channel is well determined
     tau = np.where(tau * field.noise_fraction < least, 1.0, tau)
     variance = field.power[:, None] + field.noise[:, None] * channels.noise
-    fraction = np.mean(1 / (field.terms.precision * variance), axis=0)  # of the variance that the others do not predict
+    # fraction of the variance of each channel that the other channels do not predict
+    fraction = np.mean(1 / (field.terms.precision * variance), axis=0)
     unpredicted = fraction > UNPREDICTED
     rest = fraction[(fraction <= UNPREDICTED) & (tau < MAX_NOISE)]
     unpredicted &= bool(np.all(rest < UNPREDICTED / PREDICTED_BETTER)) and np.mean(unpredicted) <= MAX_UNPREDICTED
@@ -117,10 +118,10 @@ def _unexplained(estimate: Estimate, n: int, name: str, unpredicted: bool) -> Ch
     q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
     steps, f = round(MAX_DELAY / DELAY_STEP), estimate.problem.frequencies[estimate.modes]
     delays = DELAY_STEP * np.arange(-steps, steps + 1)
-    turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
+    product = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
-    best, undelayed = int(np.argmax(turned)), turned[steps]
-    if not unpredicted and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > DELAY_GAIN * undelayed:
+    best, undelayed = int(np.argmax(product)), product[steps]
+    if not unpredicted and product[best] > np.sqrt(COHERENT) * norm and product[best] > DELAY_GAIN * undelayed:
         return ChannelFault(name, "delayed", float(delays[best]), "s")
     dead = unpredicted or undelayed < np.sqrt(1 - UNPREDICTED) * norm
     level = 10 * np.log10(estimate.channels.noise[n] / np.median(estimate.channels.noise))
@@ -143,7 +144,7 @@ def _misplaced(estimate: Estimate, covariance, names: Sequence[str]) -> dict[int
     problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     found = estimate.given.contradicted
-    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # an error that is usual for given positions is not wrong
+    usual = np.sqrt(x.shape[1]) * estimate.given.sigma  # metres; an error of this size is usual and not a fault
     for i, (n, given) in enumerate(zip(map(int, problem.known), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
         near = away < max(MISPLACED_SIGMAS * np.hypot(sigma[n], usual), MIN_MISPLACED)

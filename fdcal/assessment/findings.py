@@ -70,10 +70,10 @@ class Judged:
     loosest: float
     search: np.ndarray  # (N,) float64, metres, spread of the search
     scale_sigma: float  # one sigma of the least certain stretching of the array, relative
-    scale: float | None  # sound speed from a given distance, over that of the problem; None without a distance
+    scale: float | None  # sound speed from a given distance, divided by that of the problem; None without a distance
     single_wave: bool  # whether the field has hardly any reflections, so that channels cannot be checked
 
-    # what follows from these
+    # The following fields are computed from those above.
     healthy: np.ndarray  # (N,) bool, which channels have no fault
     by_rows: bool  # whether the positions follow from the pressures of the modes alone, without short windows
     # Faulty channels and wrong given positions that the model does not explain. Gain, polarity, delay and high-pass are
@@ -85,15 +85,17 @@ class Judged:
     radius: float  # metres, root mean square distance of the healthy microphones from their centre
     f_max: float  # Hz, highest frequency that the healthy microphones can interpolate (Eq. 9)
     highest: float  # Hz, highest frequency in use
-    noise_fraction: float  # noise found over the mean power of the pressures
+    noise_fraction: float  # noise power found, divided by the mean power of the pressures
     # median of the given noise of the modes in use, as a fraction of the power; None if no noise is given
     given_noise: float | None
-    step_left: float  # largest Newton step left of a healthy microphone, in sigmas of the coordinate
+    step_left: float  # largest remaining Newton step of a healthy microphone, in sigmas of the coordinate
     residual_to_noise: float  # reduced chi-square of the pressures of the healthy channels
     noisiest: int  # unknown microphone with the largest noise among the healthy ones; -1 if there is none
-    # sound speed that follows from given lengths, over that of the measurement, and one sigma of the ratio
+    # sound speed that follows from given lengths, divided by that of the measurement, and one sigma of this ratio
     speed: tuple[float, float]
-    rival: np.ndarray  # (N,) float64, metres, distance of each microphone in another array as likely; 0 without one
+    # (N,) float64, metres, distance of each microphone from its position in another array that is as likely; 0 if there
+    # is no such array
+    rival: np.ndarray
 
     @property
     def uneven(self) -> np.ndarray:
@@ -122,8 +124,8 @@ class Judged:
         return np.isin(np.arange(len(self.names)), [n for n, one in self.faulty.items() if one.kind == "noisy"])
 
 
-# Noise over that of the median channel above which a channel is uneven. In living rooms one or two of 16 or 32 are
-# uneven; with a source inside the array a tenth or more of all.
+# Ratio of a channel's noise to that of the median channel above which the channel is uneven. In living rooms one or two
+# of 16 or 32 channels are uneven; with a source inside the array, a tenth of all channels or more are.
 UNEVEN = 3.0
 UNEVEN_FRACTION = 1e-4  # smallest noise of an uneven channel, as a fraction of the power
 # Fraction of the power that a healthy measurement may leave unexplained in addition to its noise. In measured arrays
@@ -133,7 +135,7 @@ ROOM_RESIDUAL = 1e-3
 # If the field leaves more than this fraction of the channels unexplained, these have a common cause.
 MAX_UNEXPLAINED = 0.12
 UNEXPLAINED = 1e-4  # largest unexplained fraction of the power of a measurement without noise
-ROOM_FRACTION = 2e-4  # noise over power below which the residuals of healthy channels may differ by a large factor
+ROOM_FRACTION = 2e-4  # fraction of noise below which the residuals of healthy channels may differ by a large factor
 
 
 def _many_faulty(seen: Judged) -> str:
@@ -256,7 +258,7 @@ FINDINGS: tuple[Finding, ...] = (
             0.3, "ratio of the noise to the power; above the limit the search seldom finds the array"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY,
             reason="a single wave passes the array because there are hardly any reflections"),
-    Finding("model_mismatch",  # if half of them are noisy, the cause may be the field model: the next row
+    Finding("model_mismatch",  # if half of the faulty channels are noisy, the next row decides: the field may be wrong
             lambda seen, limit: len(seen.channel_faults) > max(2, limit * len(seen.names))
             and not (2 * seen.noisy.sum() >= len(seen.channel_faults) and _many_unexplained(seen, MAX_UNEXPLAINED)),
             _many_faulty, "check their cables and gains",

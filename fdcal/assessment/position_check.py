@@ -63,7 +63,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
         centred, targets = points - points[base].mean(axis=0), others[groups]
         middles = targets.mean(axis=1, keepdims=True)
         U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
-        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points do not decide between array and mirror image
+        mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points fit an array and its mirror image equally
         motions = np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
@@ -78,10 +78,10 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
 
 def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the one-to-one assignment of `placed` to `others`, as indices of the latter : (N,) int64."""
-    from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
+    from scipy.optimize import linear_sum_assignment  # imported here: it loads in 0.1 s
 
     distance = distances(placed, others)
-    beyond = np.maximum(distance - tolerance, 0.0)  # with a small weight, to prefer closer points
+    beyond = np.maximum(distance - tolerance, 0.0)  # its small weight makes closer points preferable
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 
@@ -475,7 +475,7 @@ def fit_list(
     limit = np.maximum(limit, rules.misplaced_medians * float(np.median(errors[alive])))
     fit = ListFit(errors, kept, check.scale * ratio, tuple(np.flatnonzero(alive & (errors > limit)).tolist()))
     found_sigma = float(np.sqrt(np.mean(sigma[kept] ** 2)))
-    # The errors of the array found may all point outwards; those of a list are independent.
+    # The errors of the array found may all point outwards and then do not average out. Those of a list do.
     scale_sigma = float(np.hypot(found_sigma, fit.rms / np.sqrt(np.sum(kept)))) / (radii[1] / np.sqrt(np.sum(kept)))
     sized = abs(fit.scale - 1) > max(rules.scale, rules.scale_sigmas * scale_sigma)
     poor, trusted = fit.rms > max(rules.rms, rules.rms_sigmas * found_sigma), verdict == TRUSTED

@@ -5,7 +5,7 @@ After a run it follows from what the solver reports at its minimum (`PositionSpr
     P   inverse of the Gauss-Newton matrix of cost and priors: the covariance if the field is as assumed
     Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
     r   dispersion: the trace of the covariance that the differences between blocks of frequencies and takes imply,
-        over the trace of Q
+        divided by the trace of Q
     C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
 
 P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
@@ -67,7 +67,7 @@ if TYPE_CHECKING:  # a plan needs no solver
     from ..solvers.interface import Estimate
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
-MIN_EIGENVALUE = 1e-13  # smaller eigenvalues of the scaled information, over the largest, are raised to this
+MIN_EIGENVALUE = 1e-13  # eigenvalues of the scaled information are raised to at least this fraction of the largest one
 BLOCK = 100_000  # numbers in the largest array of a block of modes
 
 
@@ -164,8 +164,8 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     F = information.matrix[np.ix_(used, used)] + np.diag(sigma[used] ** -2.0)
     # The rigid motions that leave the given microphones where they are remain undetermined.
     R = rigid_motions(x)
-    _, values, turned = np.linalg.svd(R[given], full_matrices=True)
-    lost = R @ turned[np.append(values, np.zeros(len(turned) - len(values))) < 1e-9 * np.abs(R).max()].T
+    _, values, directions = np.linalg.svd(R[given], full_matrices=True)
+    lost = R @ directions[np.append(values, np.zeros(len(directions) - len(values))) < 1e-9 * np.abs(R).max()].T
     outside = np.linalg.qr(lost, mode="complete")[0][:, lost.shape[1] :]
     B = np.asarray(block_diag(outside, np.eye(len(F) - N * D)))
     F = B.T @ F @ B
@@ -208,7 +208,7 @@ def scale_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     x = positions[healthy] - positions[healthy].mean(axis=0)
     along, extents, axes = np.linalg.svd(x, full_matrices=False)
     least = (LEAST_EXTENT if estimate.window_ratio else 1e-9) * extents[0]
-    inverse = (along / np.maximum(extents, least)).T  # of x in its own axes
+    inverse = (along / np.maximum(extents, least)).T  # inverse of x in its own axes
     fit = np.kron(inverse, axes)  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
     return float(np.sqrt(np.linalg.eigvalsh(fit @ covariance[np.ix_(index, index)] @ fit.T)[-1]))

@@ -321,14 +321,15 @@ def comparison_sentences(
 ) -> list[str]:
     """Return a comparison in words: the faults of the list, then the error of every microphone, the largest first.
 
-    verdict : of the calibration; unless it is "good", the absence of swaps is only stated if every microphone is near
-    its listed position; known : whether known microphones fixed the frame; fit : how the rows fit, if it was computed
+    verdict : verdict of the calibration; unless it is "good", the absence of swaps is only stated if every microphone
+    is near its listed position; known : whether known microphones fixed the frame; fit : how the rows fit, if it was
+    computed
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
     near = 1 / MAX_SCALE < check.scale < MAX_SCALE
     if check.fits:
-        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # other sizes: see below
+        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # size: see below
         moved = np.count_nonzero(check.order != np.arange(len(names)))
         lines = list_faults(check, rows, names)
         if moved > MAX_LISTED * len(names):

@@ -114,7 +114,7 @@ class Commands(click.Group):
         return sorted({*self.commands, *entry_points(group=ENTRY_POINTS).names})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command; InputError for one that belongs to a distribution that is not installed."""
+        """Return a command; raise InputError for one that belongs to a distribution that is not installed."""
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         for found in entry_points(group=ENTRY_POINTS, name=cmd_name):

@@ -87,8 +87,8 @@ def doctor(sources, positions, **recorded):
         findings = list(examine(sources, positions, options, progress))
     print("\n".join(one.line for one in findings))
     at_fault = {one.question for one in findings if one.state == "fault"}
-    unsaid = positions is not None and any((one.question, one.state) == ("list", "unknown") for one in findings)
-    return 5 if "list" in at_fault else 4 if at_fault or unsaid else 0
+    unjudged = positions is not None and any((one.question, one.state) == ("list", "unknown") for one in findings)
+    return 5 if "list" in at_fault else 4 if at_fault or unjudged else 0
 
 
 INTERRUPTED = 130  # exit code

@@ -145,7 +145,7 @@ def _lesson_run(
     data = run_data(
         scene, measurement, states, reference_cost_of(problem), problem=problem, max_bytes=max_bytes, parts=parts
     )
-    if ellipses and found is not None:  # of the last state: the two longest half axes as drawn, and the legend
+    if ellipses and found is not None:  # those of the last state: two half axes each, as drawn, and the legend
         axes = ellipse_axes(found.covariance, confidence_factor(0.95, measurement.array_dimension))
         x0, y0, x1, y1 = focus_of(measurement)
         scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))

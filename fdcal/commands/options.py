@@ -32,7 +32,7 @@ NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 class ValueOf(click.ParamType):
     """The type of an option."""
 
-    read: Callable[[str], Any]  # parses a text; ValueError if it cannot
+    read: Callable[[str], Any]  # parses a text; raises ValueError if it cannot
     words: str  # the end of the message for a text that `read` cannot parse
     name = "value"
 
@@ -44,7 +44,7 @@ class ValueOf(click.ParamType):
 
 
 def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
-    """Return the groups of the pattern; ValueError if it does not match the whole text."""
+    """Return the groups of the pattern; raise ValueError if it does not match the whole text."""
     match = re.fullmatch(pattern, value.strip(), flags)
     if match is None:
         raise ValueError
@@ -52,7 +52,10 @@ def _matched(pattern: str, value: str, flags: int = 0) -> Sequence[str]:
 
 
 def _quantity(value: str, units: str, low: float = 0.0) -> float:
-    """Return a quantity, lengths in metres, times in seconds; ValueError for another unit or a value below `low`."""
+    """Return a quantity: a length in metres, a time in seconds, or a number with another of the `units`.
+
+    Raises ValueError for any other unit, or for a value below `low`.
+    """
     number, unit = _matched(rf"{NUMBER}\s*({units})", value)
     if not low <= (found := float(number) * UNITS.get(unit, 1.0)) < math.inf:
         raise ValueError
@@ -74,7 +77,10 @@ def _distance(value: str) -> tuple[str, str, float]:
 def _separated(
     value: str, separator: str, kind: type, low: float = -math.inf, high: float = math.inf, counts: Sequence[int] = ()
 ) -> tuple[Any, ...]:
-    """Return the numbers in a text; ValueError unless all are from `low` to `high` and `counts` allows so many."""
+    """Return the numbers in a text.
+
+    Raises ValueError unless all are from `low` to `high`, and their count is one of `counts`, if any are given.
+    """
     found = tuple(kind(part) for part in value.lower().split(separator))
     if not all(low <= number <= high for number in found) or (counts and len(found) not in counts):
         raise ValueError
@@ -274,7 +280,7 @@ def recording_options(*names: str) -> Callable[[Any], Any]:
 
 
 def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportOptions | None:
-    """Return the options of recordings that are given, or None; InputError if they are and a file is no recording."""
+    """Return the options of recordings, or None if none is given; otherwise all `files` must be recordings."""
     given = {key: value for key, value in recorded.items() if value is not None}
     if not given:
         return None
@@ -288,7 +294,7 @@ def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportO
 
 
 def scene_of(text: str) -> sources.CalibrationInput:
-    """Return the simulated measurement of a scene; InputError for a measurement."""
+    """Return the simulated measurement of a scene; raise InputError for a measurement."""
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
         names = ", ".join(name for name in scene_names() if name != text)

@@ -55,7 +55,10 @@ def landscape(source, microphone, mode_numbers, result, output, force):
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
-    """Return the positions (N, D), metres, of a result, aligned with the true ones if none were given, or the true."""
+    """Return the positions (N, D), metres, of a result or, without a result, the true positions.
+
+    A result without given positions is aligned with the true positions.
+    """
     if result is not None:
         return result.positions_for(measurement)
     if measurement.positions is None:

@@ -54,7 +54,7 @@ def _lowest_neighbours(cost: Reals):
                 for k in range(max(h - 1, 0), min(h + 2, nz)):
                     for m in range(max(j - 1, 0), min(j + 2, ny)):
                         for n in range(max(i - 1, 0), min(i + 2, nx)):
-                            if cost[k, m, n] < least:  # of equal costs the first, which has the lowest index
+                            if cost[k, m, n] < least:  # < keeps the first of equal costs, which has the lowest index
                                 lowest, least = (k * ny + m) * nx + n, cost[k, m, n]
                 found[(h * ny + j) * nx + i] = lowest
     return found

@@ -28,7 +28,8 @@ The microphones can carry a mode if its expansion has fewer functions than there
 2L + 1 < N (Eq. 8). With as many functions or more, the residual of a mode is zero at nearly all positions, and Eq. 7
 does not constrain them.
 
-The reference cost is Eq. 7, summed over all modes that the microphones can carry, relative to their power, in decibels.
+The reference cost is Eq. 7, summed over all modes that the microphones can carry and divided by the power of the
+pressures of these modes, in decibels.
 The solvers minimise different costs, which cannot be compared with each other; the reference cost is the same function
 for all solvers, because the order of each mode is fixed and every microphone has the weight 1. It is 0 dB if the
 positions explain nothing, and falls as the positions improve, down to the noise or the truncation error of the
@@ -55,7 +56,7 @@ from ..model.problem import ChannelCorrection, Problem, SolverState, equalised
 from ..model.settings import Search
 from ..model.validation import Complexes, InputError, Integers
 
-RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
+RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest one are treated as zero
 
 
 def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -204,7 +205,7 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
 
 
 def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
-    """Return a sentence that explains why the microphones cannot carry a mode, counted from 1."""
+    """Return a sentence that says why the microphones cannot carry the mode with number `mode`, counted from 1."""
     R = search_domain(problem).radius
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
     formulas = {(2, 2): "2L + 1", (3, 3): "(L + 1)^2", (3, 2): "(L + 1)(L + 2) / 2"}  # by the two dimensions
@@ -232,7 +233,7 @@ def require_plane_field(problem: Problem) -> None:
 
 
 class FieldExpansion:
-    """Rows of W for the modes that the microphones can carry, which are `carried`."""
+    """Rows of W for the modes that the microphones can carry; the attribute `carried` holds these modes."""
 
     def __init__(self, problem: Problem, order_offset: int):
         self.carried = carried_modes(problem, order_offset)
@@ -269,17 +270,17 @@ class FieldExpansion:
         k = self._k[group] * self._radius
         if squared.max(initial=0.0) > 1.0:
             return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
-        everyone = np.flatnonzero(self.carried.orders == order)
+        alike = np.flatnonzero(self.carried.orders == order)
         if order not in self._tables:  # compute the Chebyshev coefficients of g_l : (terms, B, L + 1)
             t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
-            values = self._functions(np.sqrt((1 + t) / 2), self._k[everyone] * self._radius, order)
+            values = self._functions(np.sqrt((1 + t) / 2), self._k[alike] * self._radius, order)
             weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
             weights[0] /= 2
             series = np.tensordot(weights, values, axes=1)
             largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
             kept = int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1
             self._tables[order] = np.ascontiguousarray(series[:kept])
-        table = self._tables[order][:, np.searchsorted(everyone, group)]
+        table = self._tables[order][:, np.searchsorted(alike, group)]
         powers = chebvander(2 * squared - 1, len(table) - 1)
         values = (powers @ table.reshape(len(table), -1).view(float)).view(complex)
         return np.moveaxis(values.reshape(len(squared), len(group), order + 1), 0, 1)
@@ -296,7 +297,7 @@ class FieldExpansion:
 expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # so that all searches and maps use the same tables
 
 
-# added to ceil(k R); with the paper's 0 the truncation error is as large as the effect of moving a microphone by 1 cm
+# added to ceil(k R); with the paper's 0 the truncation error exceeds the effect of moving a microphone by 1 cm
 ORDER_OFFSET = 2
 MIN_MODES = 3  # if the microphones carry fewer modes, the order is lowered
 LOWEST = 1e-16  # relative cost below which all costs have the same value in decibels
@@ -318,9 +319,9 @@ def reference_cost_of(problem: Problem) -> ReferenceCost | None:
 class ReferenceCost:
     """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
 
-    `order_offset` is added to ceil(k R) in the order of every mode. If the array can carry fewer than MIN_MODES modes
-    with it, it is lowered; the attribute `order_offset` holds the value in use. The attribute `count` is the number of
-    modes. Raises InputError without a search domain, or if the microphones can carry no mode.
+    `order_offset` is added to ceil(k R) in the order of every mode. If the array can then carry fewer than MIN_MODES
+    modes, a lower offset is used; the attribute `order_offset` holds the value in use. The attribute `count` is the
+    number of modes. Raises InputError without a search domain, or if the microphones can carry no mode.
 
     Examples
     --------

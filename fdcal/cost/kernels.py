@@ -145,7 +145,7 @@ def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, or
     """Return the number of directions that resolve a field over the array up to the order ceil(k R) + `orders`.
 
     positions : (N, D), metres, whose largest distance from the centroid is R; wavenumbers : (M,), rad/m, of which the
-    largest real part is k; dimension : of the field
+    largest real part is k; dimension : dimension of the field
     """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     order = int(np.ceil(np.real(wavenumbers).max() * reach)) + orders
@@ -205,7 +205,7 @@ SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
 def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
     """Return the correlation kappa of a diffuse field at the distance z / k : float64 of the shape of `z`.
 
-    dimension : of the field; kappa is J_0(z) in 2 and sin(z) / z in 3 dimensions
+    dimension : dimension of the field; kappa is J_0(z) in 2 and sin(z) / z in 3 dimensions
     """
     return j0(z) if dimension == 2 else sinc(z)[0]
 
@@ -213,8 +213,8 @@ def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
 def diffuse_kernel(distance: Reals, wavenumbers: Reals, dimension: int, slope: bool = True):
     """Return kappa (M, P) at `distance` (P,), metres, and (d kappa / d r) / r, 1/m^2, or None without `slope`.
 
-    wavenumbers : (M,) float64, k, rad/m; dimension : of the field; kappa is J_0(k r) in 2 and sin(k r) / (k r) in 3
-    dimensions
+    wavenumbers : (M,) float64, k, rad/m; dimension : dimension of the field; kappa is J_0(k r) in 2 and
+    sin(k r) / (k r) in 3 dimensions
     """
     z = np.multiply.outer(wavenumbers, distance)
     if dimension == 3:
@@ -309,13 +309,13 @@ def _pair_slopes(
     factors = np.ascontiguousarray(parts[..., None] * both).view(float)  # (M, Q, 2 D)
     g = np.matmul(waves, factors).view(complex) * k[:, None, None]
     real, imag = np.matmul(np.real(P).copy(), waves), np.matmul(np.imag(P).copy(), waves)
-    turned = waves[..., :half] * real[..., half:] - waves[..., half:] * real[..., :half]
-    turned *= a[:, None]
+    traced = waves[..., :half] * real[..., half:] - waves[..., half:] * real[..., :half]
+    traced *= a[:, None]
     imag *= waves
     mixed = imag[..., :half] + imag[..., half:]
     mixed *= b[:, None]
-    turned -= mixed
-    return np.moveaxis(g, 2, 0), np.moveaxis(np.matmul(turned, towards.T) * k[:, None, None], 2, 0)
+    traced -= mixed
+    return np.moveaxis(g, 2, 0), np.moveaxis(np.matmul(traced, towards.T) * k[:, None, None], 2, 0)
 
 
 def cosines_and_sines(x: Reals, k: Numbers, Q: int, dimension: int) -> np.ndarray:

@@ -7,8 +7,8 @@
     x      (N, D) positions, metres;  a (N,) log gain, nepers;  b (N,) phase, radians
     d      (N,) delay of a channel times the sound speed, metres
     kappa  (N,) corner frequency of a first-order high-pass filter times 2 pi / c, rad/m
-    h      -log(1 - j kappa / k), response of the high-pass filter relative to the other channels; for kappa < 0 it is
-           the inverse of the filter with the corner -kappa
+    h      -log(1 - j kappa / k), logarithm of the response of the high-pass filter relative to the other channels; for
+           kappa < 0 the filter is the inverse of the one with the corner -kappa
     K      covariance of a field of unit power (`fdcal.cost.kernels`)
     s, v   (M,) power of the field and of the noise;  tau (N,) noise of each channel relative to v, 1 if it is healthy
     u      (M, N) C^-1 q. In formulas without delays, d (M, N) stands for the diagonal of C^-1. The other microphones
@@ -35,7 +35,7 @@ from ..model.validation import Complexes, Numbers, Reals
 from . import kernels
 from .kernels import Slopes
 
-MIN_FIELD_FRACTION = 1e-3  # smallest power of the field over that of the pressures, so that C is never pure noise
+MIN_FIELD_FRACTION = 1e-3  # smallest power of the field, divided by that of the pressures; C is thus never pure noise
 ISOTROPIC_ORDERS = 10  # orders above ceil(k R) with which a sum of plane waves is isotropic to 1e-9
 
 
@@ -69,7 +69,7 @@ class FieldModel:
 def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
     """Return a diffuse field whose power is that of the pressures (M, N) minus the noise (M,).
 
-    The wavenumbers (M,), rad/m, lose their imaginary part; the noise is equal in all channels.
+    Only the real part of the wavenumbers (M,), rad/m, is used; the noise is equal in all channels.
     """
     measured = mode_power(pressures)
     power = np.maximum(measured - noise, MIN_FIELD_FRACTION * measured)
@@ -123,10 +123,10 @@ def likelihood_terms(
         costs = log_det + np.sum(np.real(np.conj(q[m]) * u), axis=1)
         if not derivatives:
             return costs, u, d
-        slope, widened = (part * field.power[m, None] for part in sloped(u, inverse))
+        slope, traced = (part * field.power[m, None] for part in sloped(u, inverse))
         D, P = len(slope), len(slope) + len(by_parameter)
         g, logs = np.empty((P, 2, *u.shape)), np.empty((P, *u.shape))
-        g[:D, 0], g[:D, 1], logs[:D] = np.real(slope), np.imag(slope), widened
+        g[:D, 0], g[:D, 1], logs[:D] = np.real(slope), np.imag(slope), traced
         for i, derivative in enumerate(by_parameter, D):
             of_modes = derivative[m] if len(derivative) > 1 else derivative
             along = q[m] * of_modes

@@ -15,15 +15,15 @@ mode m determines,
 An inverse gamma prior on s and tau acts like further observations of an expected value: it adds their sum to the
 numerator, and their number to the denominator.
 
-A row is one frequency of one take. The power of the field by direction is S_q in a row, and deviates from A_q, that of
-its take. The covariance of a row is
+A row is one frequency of one take. The field of a row has the power S_q in direction q. It deviates from A_q, the power
+in this direction that all rows of the take have in common. The covariance of a row is
 
     C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
 If all S_q are 1, the field is diffuse. The field in a room is not: the direct sound and the early reflections of one
 source come from the same directions at every frequency, and each resonance consists of a few plane waves. Assuming a
 diffuse field biases the positions, but a few microphones cannot determine the S_q of a single row. They are therefore
-learned together with A_q, which all rows of the take have in common. With
+learned together with A_q. With
 
     alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the number of observations of direction q in a row (at most 1),
 
@@ -55,9 +55,9 @@ DIFFUSE_FLOOR = 1e-6
 class NoiseEstimate:
     """Noise and position error that explain the residual."""
 
-    noise_fraction: float  # noise over the mean power
+    noise_fraction: float  # noise power divided by the mean power of the pressures
     spread: float  # metres, RMS length of the position error
-    alone: float  # noise over the mean power under the assumption that the positions have no error
+    alone: float  # the noise fraction if the positions are assumed to have no error
     cost: float  # negative log-likelihood with `noise_fraction` and `spread`, up to a constant
 
 
@@ -90,8 +90,10 @@ def estimate_noise(positions: Reals, corrected: Numbers, field: FieldModel, min_
     return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
 
 
-MIN_POWER = 1e-3  # smallest expected power of the field over the power of the pressures
-MAX_POWER = 1e3  # largest power over its expectation; without noise, a singular covariance would let it diverge
+MIN_POWER = 1e-3  # smallest expected power of the field, divided by the power of the pressures
+# Largest power of the field, divided by its expected value. Without noise the covariance can be singular, and without
+# this limit the power would then diverge.
+MAX_POWER = 1e3
 
 
 def expected_power(field: FieldModel, corrected: Numbers) -> np.ndarray:
@@ -143,7 +145,7 @@ ISOTROPY = 0.03  # weight of the prior of a diffuse field; values from 0.01 to 0
 def learned_powers(
     x: Reals, pressures: Complexes, field: FieldModel, takes: Integers, iterations: int, count: float
 ) -> np.ndarray:
-    """Return the power by direction (M, Q) float64 after some iterations that start from `field.directions`.
+    """Return the power by direction (M, Q) float64 after `iterations` that start from `field.directions`.
 
     x : (N, D) float64, metres; pressures : (M, N) complex128; takes : (M,) int64, the take of each row; count : weight
     of A in S. `field.directions` must not be None.
@@ -177,7 +179,8 @@ def learned_powers(
 def _by_waves(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Return |alpha|^2 / s and r, (M, Q) each, for the power S (M, Q) by direction.
 
-    waves : (M, Q, N), over the root of the channels' noise; p : (M, N), over that root and sqrt(s); mu : (M, 1), v / s
+    waves : (M, Q, N), divided by the square root of the channels' noise; p : (M, N), pressures divided by that root and
+    by sqrt(s); mu : (M, 1), v / s
     """
     W, n = waves * np.sqrt(S)[..., None], np.arange(int(waves.shape[2]))
     C = W.swapaxes(1, 2) @ np.conj(W)
@@ -197,8 +200,8 @@ def _by_pairs(waves: Reals, S: Reals, p: Complexes, mu: Reals, dimension: int) -
     C[:, n, n] += mu
     P = kernels.hermitian_inverses(C)[0]
     along = np.matmul(waves.swapaxes(1, 2), np.matmul(P, p[..., None]).view(float))  # real and imaginary part
-    turned = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
-    amplitudes = np.concatenate([along[:, :half] + turned, along[:, :half] - turned], axis=1)
+    times_j = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
+    amplitudes = np.concatenate([along[:, :half] + times_j, along[:, :half] - times_j], axis=1)
     own = np.sum(waves * np.matmul(np.real(P).copy(), waves), axis=1)
     own = own[:, :half] + own[:, half:]
     cross = 2 * np.sum(waves[..., :half] * np.matmul(np.imag(P).copy(), waves[..., half:]), axis=1)

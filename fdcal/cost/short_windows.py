@@ -17,8 +17,9 @@ covariance matrix, except for the power s of each window:
     e    power of the noise. Both b and e are interpolated in frequency between a few nodes
 
 A window smooths the spectrum. K and h h^H are therefore means over its bandwidth. They are approximated by the mean of
-the values at k - B and k + B, where B is the standard deviation of the wavenumber over the window's power spectrum. For
-an array of 1.6 m and windows of 30 ms, the positions have an error of 30 mm; with the values at k alone, of 48 mm.
+the values at k - B and k + B, where B is the standard deviation of the wavenumber over the window's power spectrum. The
+values at k alone would be less accurate: for an array of 1.6 m and windows of 30 ms, they would increase the error of
+the positions from 30 to 48 mm.
 
 If the power of each window has its most likely value, p^H C^-1 p / N, the cost is
 
@@ -86,7 +87,8 @@ class ShortField:
 class ShortTerms:
     """The cost and its derivatives with respect to the Q free parameters.
 
-    They are those among P parameters: five of each microphone, then the spectrum, the noise and the waves of each take.
+    The free parameters are some of P parameters: five of each microphone, then the spectrum, the noise and the waves of
+    each take.
     """
 
     cost: float  # nats
@@ -150,20 +152,20 @@ def upright(field: ShortField, axes: Integers) -> list[tuple[ShortField, np.ndar
     its plane. An upright array is rotated into the plane y = 0.
     """
     tensor = np.tensordot(field.spectrum[:5], QUADRATIC, 1)
-    turn = np.linalg.eigh(tensor)[1]  # the last axis has the largest eigenvalue
+    turn = np.linalg.eigh(tensor)[1]  # least sound comes from the last axis, which has the largest eigenvalue
     cases = [(turn, axes)]
     if len(axes) == 2:
         standing = np.eye(3)[:, [0, 2, 1]]
         standing[:2, [0, 2]] = np.linalg.eigh(tensor[:2, :2])[1]
         cases = [(np.eye(3), axes), (standing, np.array([0, 2]))]
-    turned = list[tuple[ShortField, np.ndarray]]()
+    rotated = list[tuple[ShortField, np.ndarray]]()
     for turn, free in cases:
         turn[:, 0] *= np.sign(np.linalg.det(turn))
         t = turn.T @ tensor @ turn
         spectrum = np.array([(t[0, 0] - t[1, 1]) / 2, t[0, 1], t[0, 2], t[1, 2], t[2, 2], *SPECTRUM_MEAN[5:]])
         x, v = field.positions @ turn, field.directions @ turn
-        turned.append((replace(field, positions=x, directions=v, spectrum=spectrum), free))
-    return turned
+        rotated.append((replace(field, positions=x, directions=v, spectrum=spectrum), free))
+    return rotated
 
 
 def _gain(field: ShortField) -> Complexes:
@@ -261,11 +263,11 @@ def _covariance(K: Reals, noise: Reals, h: Complexes) -> Any:
 
 
 def _design(take: Integers, field: ShortField, noise_nodes: Reals, power_nodes: Reals) -> np.ndarray:
-    """Return the Jacobian (G, S + 1 + 2 W IN_GROUP, V) of each group's parameters by those common to all groups.
+    """Return the Jacobian (G, S + 1 + 2 W IN_GROUP, V) of each group's parameters with respect to the common ones.
 
     The parameters of a group are the S of the spectrum, the noise, and the power, direction (2) and curvature of each
     of its 2 W waves: a wave of the take appears twice, at k - B and at k + B, with the same parameters. The V common
-    parameters are the spectrum, the noise at its nodes, and the waves of all takes.
+    parameters, which all groups depend on, are the spectrum, the noise at its nodes, and the waves of all takes.
     """
     every, S, (takes, waves) = np.arange(len(take))[:, None], len(SPECTRUM), field.curvature.shape
     design = np.zeros((len(take), S + 1 + 2 * IN_GROUP * waves, S + NOISE_NODES + OF_WAVE * takes * waves))
@@ -292,8 +294,8 @@ def _scores_and_fisher(
 
     windows : (G,), number of windows; inverse : (G, N, N), C^-1; M : (G, N, N), gradient of the cost with respect to C;
     rows : (A, G, N, N), the rows D_n of each of the A free parameters of a microphone; whole : (V, G, N, N), symmetric,
-    the derivatives of C by the free parameters of a group except those of its waves; h, by_wave : the waves and their
-    derivatives, from `ShortLikelihood.waves`; design : result of `_design` for the free parameters
+    the derivatives of C with respect to the free parameters of a group except those of its waves; h, by_wave : the
+    waves and their derivatives, from `ShortLikelihood.waves`; design : result of `_design` for the free parameters
     """
     G, N, A, V = len(inverse), inverse.shape[1], len(rows), len(whole)
     P, weight = N * A, windows * N / (N + 1)
@@ -349,7 +351,7 @@ Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, bandwidth: float, slope: bool = True) -> Kernel:
-    """Return K (F, N, N), its derivatives (3, F, N, N) by x_i - x_j, and (7, F, N, N) by the spectrum parameters.
+    """Return K (F, N, N) and its derivatives: (3, F, N, N) with respect to x_i - x_j, (7, F, N, N) to the spectrum.
 
     x : (N, 3), metres; k : (F,), rad/m; bandwidth : B, rad/m; spectrum : (7,), a_l, r, g. The derivatives are empty
     without `slope`.
@@ -384,20 +386,21 @@ def _pair_kernel(d: Reals, k: Reals, spectrum: Reals, slope: bool, bandwidth: fl
     second = -3 * over - isotropic  # j_2, because j_0' = z over and j_2 = -3 j_0' / z - j_0
     across = np.linalg.norm(d[:, :2], axis=1) + 1e-9
     flat, up = np.cos(elevation), np.sin(elevation)
-    round_, level = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
-    bessel, wave = j0(round_), np.cos(level)
+    horizontal, vertical = k[:, None] * across * flat, k[:, None] * d[:, 2] * up
+    bessel, wave = j0(horizontal), np.cos(vertical)
     values = (1 - ring) * isotropic + second * np.dot(a, Y) + ring * bessel * wave
     if not slope:
         return values.reshape(shape).mean(axis=0), np.zeros(0), np.zeros(0)
-    outward, upward = -j1(round_) * wave, -bessel * np.sin(level)  # derivatives of bessel * wave by round_ and level
+    # derivatives of bessel * wave with respect to `horizontal` and `vertical`
+    outward, upward = -j1(horizontal) * wave, -bessel * np.sin(vertical)
     radial = (1 - ring) * z * over - np.dot(a, Y) * (z * over + 3 * second / z)  # j_2' = -j_0' - 3 j_2 / z
     slopes = k[:, None, None] * (radial[..., None] * u)
     tensor = np.tensordot(a, QUADRATIC, 1)
     slopes += second[..., None] * (2 * (u @ tensor - np.dot(a, Y)[:, None] * u) / r[:, None])
     slopes[..., :2] += ring * k[:, None, None] * flat * outward[..., None] * (d[:, :2] / across[:, None])
     slopes[..., 2] += ring * k[:, None] * up * upward
-    turned = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
-    shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic, turned]).reshape(-1, *shape)
+    tilted = ring * k[:, None] * (upward * d[:, 2] * flat - outward * across * up)
+    shapes = np.array([*(second * y for y in Y), bessel * wave - isotropic, tilted]).reshape(-1, *shape)
     return values.reshape(shape).mean(axis=0), slopes.reshape(*shape, 3).mean(axis=0), shapes.mean(axis=1)
 
 
@@ -408,9 +411,10 @@ def _nodes(k: Reals, count: int) -> np.ndarray:
 
 
 def _delays(field: ShortField) -> list[np.ndarray]:
-    """Return t (T, W, N), metres, its derivatives (3, T, W, N) by the coordinates, and three more of (T, W, N).
+    """Return t (T, W, N), metres, its derivatives (3, T, W, N) with respect to the coordinates, and three arrays more.
 
-    These three are the derivatives by the direction of the wave, along two tangents, and by its curvature.
+    These three, (T, W, N) each, are the derivatives with respect to the direction of the wave, along two tangents, and
+    to its curvature.
     """
     x, v, q = field.positions, field.directions, field.curvature[..., None]
     along, tangents = v @ x.T, _tangents(v) @ x.T

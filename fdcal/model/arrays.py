@@ -2,7 +2,7 @@
 
 A simulated microphone records one FDTD cell. Cell i extends from i h to (i + 1) h along an axis, from the origin of the
 room's coordinates, so its centre is (i + 0.5) h, which is the true position of the microphone. In a room of three
-dimensions the field has a closed form at any point, and positions are not changed.
+dimensions the field has a closed form at any point, and positions are not moved to cell centres.
 """
 
 from collections.abc import Callable
@@ -125,7 +125,7 @@ def hull_meets(points: np.ndarray, others: np.ndarray) -> bool:
 
     `others` may be a single point, or the two ends of a wall.
     """
-    from scipy.optimize import linprog  # takes a second to load, and is not needed to read a cached measurement
+    from scipy.optimize import linprog  # imported here: it loads in 1 s; a cached measurement does not need it
 
     points, others = np.asarray(points, float), np.asarray(others, float)
     # The hulls meet if both sets have weights, each with the sum 1, whose weighted means are equal.

@@ -93,9 +93,9 @@ def rigid_motions(positions: Reals) -> np.ndarray:
     moves = [np.tile(row, N) for row in np.eye(D)]
     for a in range(D):
         for b in range(a):
-            turned = np.zeros((N, D))
-            turned[:, a], turned[:, b] = centred[:, b], -centred[:, a]
-            moves.append(turned.ravel())
+            rotation = np.zeros((N, D))
+            rotation[:, a], rotation[:, b] = centred[:, b], -centred[:, a]
+            moves.append(rotation.ravel())
     return np.array(moves).T
 
 
@@ -115,7 +115,7 @@ def align(estimate: ArrayLike, truth: ArrayLike, by: slice | np.ndarray = slice(
 
 
 def rigid_motion(x: Reals, others: Reals, mirror: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return turn, centre and target of the best motion (x - centre) turn + target of `x` onto `others` (N, D).
+    """Return `turn`, `centre` and `target` of the best motion (x - centre) @ turn + target of `x` onto `others` (N, D).
 
     This is Kabsch's method without its condition on the determinant, because a mirror image has the same pressures. If
     `mirror` is true, the result is the best motion with the opposite determinant.

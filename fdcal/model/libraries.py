@@ -27,7 +27,7 @@ REQUIREMENT = re.compile(r"""([\w.-]+).*; extra == ['"](\w+)['"]""")
 def missing_library(error: ImportError) -> InputError | None:
     """Return the error for a library of an extra that is not installed; None for any other ImportError."""
     package = (error.name or "").partition(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-    library, brought = LIBRARY.get(package, package), dict[str, set[str]]()
+    library, brought = LIBRARY.get(package, package), dict[str, set[str]]()  # libraries by extra
     for line in metadata.requires("fdcal") or ():
         if found := REQUIREMENT.match(line):
             brought.setdefault(found[2], set()).add(found[1].lower())
@@ -131,7 +131,7 @@ def main() -> None:
         answer = None, error
     with output:
         pickle.dump(answer, output, protocol=pickle.HIGHEST_PROTOCOL)
-    os._exit(0)  # with a damaged file a library may crash when it is closed
+    os._exit(0)  # skips the usual clean-up, in which a library may crash if its file is damaged
 
 
 if __name__ == "__main__":

@@ -60,7 +60,7 @@ class Measurement:
     names : (N,) tuple of str, optional
         Names of the microphones; "0", "1", ... unless given.
     positions : (N, D) float64, optional
-        True positions, metres, which errors are computed with; no solver gets them.
+        True positions, metres, against which errors are computed; no solver gets them.
     known : (A,) int64
         Indices of known microphones, in any order; they are sorted.
     known_positions : (A, D) float64, optional
@@ -206,7 +206,7 @@ class Measurement:
         names : (N,) sequence of str, optional
             Names of the microphones; "0", "1", ... unless given.
         positions : (N, D) array_like, optional
-            True positions, metres, which errors are computed with; no solver gets them.
+            True positions, metres, against which errors are computed; no solver gets them.
         known : mapping or sequence, optional
             Microphones whose positions the solver gets, by name or number: a mapping to positions (D,), metres; or a
             sequence of microphones whose `positions` it gets.
@@ -467,7 +467,7 @@ class Measurement:
 
 
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
-    """Return checked pressures : (M, N) complex128; `labels`: names of the microphones, or None."""
+    """Return checked pressures : (M, N) complex128; `labels` are the names of the microphones, or None."""
     array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # name the first microphone with NaN, unless all have it
         bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
@@ -483,14 +483,14 @@ def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarr
 def _checked_arrivals(
     times: Any, sigma: Any, takes: Any, count: int, speed: float
 ) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), seconds; two None without any."""
+    """Return checked arrivals (T, N) of `count` microphones and their sigmas (T,), s; both None without arrivals."""
     if times is None:
         if sigma is not None:
             raise InputError("arrival_sigma is given without arrivals", "add them", key="arrival_sigma")
         return None, None
     array = require_array("arrivals", times, "real", (None, count), "s, one row for each take", missing=True)
     rows, least = len(array), int(takes.max(initial=0)) + 1
-    if rows < least:  # more are allowed: a take may have arrivals alone
+    if rows < least:  # more are allowed: a take may have arrivals but no frequencies
         raise InputError(f"arrivals has shape {array.shape}", f"give {least} rows, one for each take", key="arrivals")
     latest = float(np.nanmax(np.abs(array), initial=0.0))
     if latest > LATEST_ARRIVAL:
@@ -671,7 +671,7 @@ class MicrophonePositions:
 
 
 FLAT = 1e-6  # metres, difference up to which heights count as equal
-NEARLY_FLAT = 0.1  # largest difference of heights in the list of a plane array, over its width
+NEARLY_FLAT = 0.1  # largest difference of heights in the list of a plane array, divided by its width
 
 
 def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any]) -> Measurement:
@@ -767,10 +767,11 @@ def save_measurement(measurement: Measurement, file: Any, others: Mapping[str, n
 
 
 def load_measurement(path: Any, excluded: Sequence[str] = (), called: str = "") -> Measurement:
-    """Return the measurement of an .npz file, a path or open, that has all REQUIRED keys and all or none of SEARCH.
+    """Return the measurement of an .npz file, which is given as a path or as an open file.
 
-    `excluded` are names or numbers of microphones that are left out before anything is checked; `called` is the name of
-    the file in messages, by default its path.
+    The file needs all REQUIRED keys, and all or none of SEARCH and of SHORT. `excluded` are names or numbers of
+    microphones that are left out before anything is checked; `called` is the name of the file in messages, by default
+    its path.
     """
     table = load_archive(path, (*REQUIRED, *OPTIONAL, *SEARCH, *SHORT, "version").__contains__, called)
     path = called or path

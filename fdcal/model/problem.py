@@ -1,4 +1,4 @@
-"""The part of a measurement that a solver gets, without true positions; gains and noise of channels that it finds."""
+"""The part of a measurement that a solver gets, without true positions, and the channel correction that it finds."""
 
 import functools
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class ShortWindows:
     frequencies: np.ndarray  # (G,) float64, Hz
     takes: np.ndarray  # (G,) int64, the take of each group, counted from 0
     pressures: np.ndarray  # (G, W, N) complex64, any unit; an unused window is 0 in all channels
-    length: float  # seconds, of a window
+    length: float  # seconds, length of a window
 
     def __post_init__(self):
         put = functools.partial(object.__setattr__, self)
@@ -123,7 +123,7 @@ class ChannelCorrection:
     """
 
     gains: np.ndarray  # (N,) complex128, dimensionless
-    noise: Reals  # (N,) float64, noise power of the corrected pressures over that of a healthy channel
+    noise: Reals  # (N,) float64, noise power of the corrected pressures, divided by that of a healthy channel
 
     def corrected(self, pressures: ArrayLike) -> np.ndarray:
         """Return pressures (..., N) divided by the gains."""

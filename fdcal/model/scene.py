@@ -535,7 +535,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def scene_table(path: str | Path) -> dict[str, Any]:
-    """Return the table of a scene for `fdcal.model.validation.build`; `path`: as of `load_scene`.
+    """Return the table of a scene for `fdcal.model.validation.build`; `path` is as in `load_scene`.
 
     In a measured scene `measurement` is a path. The paths in a file are relative to its folder.
     """

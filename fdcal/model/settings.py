@@ -45,7 +45,7 @@ class Sensing:
             raise refusal("measurement.lowest", self.lowest, why, "lower the first or raise the second", "Hz")
 
 
-DEAD_FRACTION = 1e-6  # power of the noise in a dead channel over the power of the others
+DEAD_FRACTION = 1e-6  # power of the noise in a dead channel, divided by the power of the others
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,7 @@ class SolverSettings:
 
 # A search domain around an estimate, for a measurement without one. Maps, the reference cost, the order rule, solver
 # `descent` and random starts need a search domain; other solvers do not.
-MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, over the longest side of the array
+MARGIN = 0.25  # distance of the domain's edge from the outermost estimates, divided by the longest side of the array
 MIN_MARGIN = 0.05  # m, smallest such distance
 CELLS = {2: 120, 3: 60}  # largest number of steps along the longest side, by the number of coordinates
 STEPS = (1.0, 2.0, 5.0)  # first digits that a step may have
@@ -289,8 +289,9 @@ def search_around(positions: Any, own: Search | None = None, truth: Any = None) 
     whole. The domain `own` may still have the axes of the estimate; after such a motion it is therefore used only if it
     contains the centre of the moved positions.
 
-    The step of a new domain is 1, 2 or 5 times a power of ten. Its radius R is that of `own`. Without `own` it is the
-    distance of the centre from a corner in the plane, and from the outermost position, plus the margin, in space.
+    The step of a new domain is 1, 2 or 5 times a power of ten. Its radius R is that of `own`. Without `own`, it is the
+    distance from the centre to a corner in the plane. In space it is the distance from the centre to the outermost
+    position, plus the margin.
     """
     positions = np.asarray(positions, float) if truth is None else align(positions, truth)
     if own is not None:

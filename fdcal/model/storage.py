@@ -2,8 +2,7 @@
 
 The cache is a folder of .npy and .npz files. The name of each is a hash of all values that determine its content, and
 a checksum follows the content. FDCAL_CACHE sets the folder. It may be deleted at any time; a damaged file is made
-again.
-`fdcal.acoustics.measure` stores recordings and measurements in it.
+again. `fdcal.acoustics.measure` stores recordings and measurements in it.
 """
 
 import contextlib
@@ -38,7 +37,7 @@ log = logging.getLogger(__name__)
 def write_atomically(path: str | Path, write: Callable[[Path], object], force: bool = False) -> None:
     """Write a file under a temporary name in the same folder and move it to `path` once it is complete.
 
-    `write`: function that writes a file of a given path; `force`: whether an existing file is overwritten.
+    `write` is a function that writes a file of a given path; `force` says whether an existing file is overwritten.
     """
     path = Path(os.path.realpath(path))  # the target of a link is replaced, not the link
     if not force and path.exists():
@@ -67,7 +66,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
 @contextlib.contextmanager
 def damaged(problem: str, remedy: str = "") -> Iterator[None]:
-    """Turn the error of a library for a damaged file into an InputError, and a system error into a StorageError."""
+    """Turn a library's error for a damaged file into an InputError that states `problem`, or into a StorageError."""
     try:
         yield
     except (InputError, StorageError):
@@ -140,8 +139,8 @@ def load_cached(name: str, read: Callable[..., Any]):
 def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
     """Yield a temporary folder, whose files are moved to `path` at the end, or deleted if anything fails.
 
-    The folder is made at once, so that a missing permission is known before the work begins. `force`: whether `path`
-    may contain files; those with the same names are replaced, and the others stay.
+    The folder is made at once, so that a missing permission is known before the work begins. `force` says whether
+    `path` may contain files; those with the same names are replaced, and the others stay.
     """
     path = Path(path)
     if path.exists() and not path.is_dir():
@@ -164,7 +163,7 @@ MAX_DOTS = 500  # largest number of dots in a key; the time of the parser grows 
 
 
 def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -> bytes:
-    """Return the content of a regular file of at most `max_bytes`; `what`: kind of file, as "scene", for messages."""
+    """Return the content of a regular file of at most `max_bytes`; messages call the file `what`, such as "scene"."""
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is not the name of a file: it holds a NUL character", "correct it")
     try:
@@ -179,7 +178,7 @@ def read_bytes(path: str | Path, max_bytes: int = LIMITS.text, what: str = "") -
 
 
 def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: object) -> Any:
-    """Return the value of a TOML or JSON text, or raise InputError; `where`: name of the file in messages."""
+    """Return the value of a TOML or JSON text, or raise InputError; `where` is the name of the file in messages."""
     try:
         encoding = "utf-8-sig" if kind == "TOML" else "utf-8"
         text = content.decode(encoding) if isinstance(content, bytes) else content
@@ -198,8 +197,8 @@ def parse_text(content: bytes | str, kind: Literal["TOML", "JSON"], where: objec
 def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file, a path or an open file, for whose names `wanted` is true; unpickle nothing.
 
-    `called`: name of an open file in messages. Raises InputError for a damaged file, or for compressed arrays larger
-    than `LIMITS.unfolded` bytes, and StorageError for a file that cannot be read.
+    `called` is the name of an open file in messages. Raises InputError for a damaged file, or for compressed arrays
+    larger than `LIMITS.unfolded` bytes, and StorageError for a file that cannot be read.
     """
     where, table, key = called or path, dict[str, Any](), ""
     try:

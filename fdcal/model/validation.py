@@ -3,9 +3,9 @@
 Every message names the key, its value and the remedy, in one line. A value beyond the limits counts as a mistake.
 A declaration is a type (`fdcal.model.quantities`): `Annotated[float, within(0, 1, "m")]` has a range and a unit.
 
-    convert(value, kind, key)   the value as a type, read by msgspec
-    build(Record, table)        a frozen dataclass out of a table: every key known, present and of its type
-    check(record)               the same checks for a record that was made in Python
+    convert(value, kind, key)   returns a value, converted by msgspec to the declared type `kind`
+    build(Record, table)        makes a frozen dataclass from a table, in which every key must be known and of its type
+    check(record)               makes the same checks of a record that was made in Python
 
 `refused` returns the error for a value that does not fit.
 """
@@ -254,12 +254,12 @@ def point_text(point: Any) -> str:
 
 
 LONGEST_KEY = 100  # only so many characters of a key are compared with the known keys
-LARGEST_INTEGER = 2**63  # beyond the integers that a file may hold
+LARGEST_INTEGER = 2**63  # integers of this size or larger are refused
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 
 
 def within(low: float | None = None, high: float | None = None, unit: str = "", **option: Any) -> msgspec.Meta:
-    """Return the range and the unit of a number, for `Annotated`; `option`: what `fdcal.commands.options` reads."""
+    """Return the range and the unit of a number, for `Annotated`; `fdcal.commands.options` reads `option`."""
     return msgspec.Meta(ge=low, le=high, extra={"unit": unit, **option})
 
 
@@ -388,7 +388,7 @@ def _built(kind: Any, value: Any, key: str, whole: str) -> Any:
 
 Reals: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 Complexes: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.complex128]]
-# for example wavenumbers, which are complex where waves are damped
+# real or complex, such as wavenumbers, which are complex for damped waves
 Numbers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.float64 | np.complex128]]
 Integers: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 Bools: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]

@@ -112,7 +112,7 @@ class ChannelWatch:
 
 
 def inspect_channels(recording: Recording) -> ChannelHealth:
-    """Return the state of every channel, after one pass over all samples, a block at a time."""
+    """Return the state of every channel; all samples are read once, one block after the other."""
     watch = ChannelWatch(recording.count)
     for start, stop in ranges(recording.samples, BLOCK_SAMPLES // recording.count):
         watch.add(read_samples(recording, start, stop))
@@ -133,7 +133,8 @@ def _edge(samples: np.ndarray, before: Edge) -> Edge:
 def _is_clipped(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
     """Return whether far more samples of a channel have its greatest (or least) value than the next value.
 
-    The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping does not.
+    The values of sound become rarer towards the greatest one, however coarse the quantisation; those of clipped sound
+    do not.
     """
     edges = [(max(edge, default=-np.inf), *edge.values(), 0, 0)[:3] for edge in pair]
     if full_scale:
@@ -196,8 +197,8 @@ def require_different_takes(takes: Sequence[Recording], health: Sequence[Channel
         alike = [np.corrcoef(coherences[0][pairs], coherence[np.ix_(order, order)][pairs])[0, 1] for order in orders]
         shift = int(np.argmax(alike))
         itself = np.corrcoef(coherences[0][pairs], coherences[0][np.ix_(orders[shift], orders[shift])][pairs])[0, 1]
-        shown = len(own) >= TAKES.channels and itself < TAKES.symmetric
-        rotated = shown and alike[shift] > max(TAKES.rotated, alike[0] + TAKES.better)
+        significant = len(own) >= TAKES.channels and itself < TAKES.symmetric
+        rotated = significant and alike[shift] > max(TAKES.rotated, alike[0] + TAKES.better)
         if silent.any() and not np.array_equal(silent, state.silent):
             moved = [n for n in own if np.array_equal(silent, state.silent[orders[n]])]
             shift, rotated = (moved[0], True) if moved else (shift, rotated)
@@ -275,7 +276,7 @@ def select_subset(recording: Recording, text: str) -> Recording:
 def exclude_channels(recording: Recording, names: Sequence[str], bad: Sequence[int] | np.ndarray = ()) -> Recording:
     """Return the recording without the channels of these names and the `bad` ones, indices (n,).
 
-    InputError for a name that no channel has, or if no channel is left.
+    Raises InputError for a name that no channel has, or if no channel is left.
     """
     excluded = [_index_of(recording, name, "leave_out") for name in names]
     left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad])

@@ -38,7 +38,7 @@ from .recording import Band, Recording, in_memory, read_samples
 class DecimationSettings:
     """Settings of the filter that is applied before the sampling rate is reduced."""
 
-    oversampling: float = 4.0  # least new sampling rate over the highest frequency
+    oversampling: float = 4.0  # least new sampling rate, divided by the highest frequency
     stop_db: float = 110.0  # attenuation of what would alias into the band, decibels
     min_sample_rate: float = 200.0  # Hz
     block_samples: int = 8_000_000  # samples of all channels that are filtered at a time
@@ -88,7 +88,7 @@ class SegmentSettings:
     max_samples: int = 20_000_000  # largest number of samples of all channels in one segment
     max_matrix: int = 10_000_000  # largest number of values in all cross-spectral matrices together
     max_count: int = 600  # largest number of segments; in a longer recording they are spread evenly
-    # number of independent segments for which one counts: Hann's windows that overlap by half are nearly independent
+    # each segment counts as this number of independent ones: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 
 
@@ -101,14 +101,15 @@ LAGS = (2, 4)  # distances, bins, of neighbouring frequencies whose windows do n
 # rows per bandwidth 1 / T_eq: 5 for a room that decays evenly (`fdcal.recordings.frequencies`), times 1.5, because rows
 # at close frequencies have the same field but independent noise
 OVERSAMPLING = 7.6
-# Second eigenvalue over the first one, times (T d)^2: a quarter of the mean square of w' over the mean square of w.
+# Ratio of the second eigenvalue to the first one, times (T d)^2. It is a quarter of the mean square of w' divided by
+# that of w.
 LEAKAGE = 3.3
 
 
 def stationary_pressures(
     recording: Recording, band: Band, sound_speed: float, max_rows: int = ROWS.max_rows
 ) -> Pressures:
-    """Return the pressures of a recording of a stationary source, or of several, of at most `max_rows` rows."""
+    """Return at most `max_rows` rows of pressures from a recording of one or several stationary sources."""
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
     fs = recording.sample_rate
@@ -231,7 +232,8 @@ def eigenvectors(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows above noise and leakage, at least one for each frequency, in descending order of power.
 
-    `C` (M, N, N), means over K `independent` segments; `leakage`: second eigenvalue of a single source over the first.
+    `C` (M, N, N) are means over K `independent` segments; `leakage` is the ratio of the second to the first eigenvalue
+    of a single source.
     Returns the index of the frequency (R,), the eigenvector (R, N) scaled to the power of the source, the noise power v
     of one segment (R,) and the SNR (R,) as a ratio of powers.
     """

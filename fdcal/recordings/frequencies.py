@@ -86,8 +86,9 @@ def choose_frequencies(
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: the one nearest to the middle of each of equal parts of the band.
 
-    `frequencies` (B,), Hz, evenly spaced and finer than the `resolution`, the least distance of two; `power`, `noise`
-    (B,), mean over the microphones, the noise 0 where it is unknown. Raises NothingAboveNoise.
+    `frequencies` (B,), Hz, are evenly spaced, more closely than `resolution`, the least distance of two chosen ones.
+    `power` and `noise` (B,) are means over the microphones; the noise is 0 where it is unknown. Raises
+    NothingAboveNoise.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))
     usable = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor) >= MIN_SNR
@@ -120,7 +121,7 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
 # Frequencies at which the coherence of a recording is computed
 COHERENCE_COUNT = 300  # number of frequencies, in equal ratios
 COHERENCE_RANGE = 40.0  # decibels below the strongest frequency, down to which frequencies are used
-COHERENCE_SAMPLES = 2**27  # largest number, all channels together, of which the coherence is computed
+COHERENCE_SAMPLES = 2**27  # largest number of samples, all channels together, for which the coherence is computed
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def coordinate_count(recording: Recording, options: ImportOptions, known_positio
 
 
 def given_band(recording: Recording, key: str, text: str) -> Band:
-    """Return the band that the option `key` gives as LO:HI, Hz; InputError for one that the recording cannot hold."""
+    """Return the band of an option `key`, LO:HI in Hz; raise InputError for one that the recording cannot hold."""
     (low, high), top = map(number_in, text.partition(":")[::2]), IMPORT_LIMITS.max_frequency * recording.sample_rate
     if not 0 < low < high <= top:
         problem = f'{key} = "{text}" is not a band that {recording.path} can hold'
@@ -195,7 +196,7 @@ def given_band(recording: Recording, key: str, text: str) -> Band:
 
 
 def frequency_band(recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float) -> Band:
-    """Return the given or the default band, Hz; InputError for one that the recording cannot hold."""
+    """Return the given or the default band, Hz; raise InputError for one that the recording cannot hold."""
     top = IMPORT_LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
         low, high = IMPORT_LIMITS.low, IMPORT_LIMITS.high

@@ -21,7 +21,7 @@ from ..model.validation import LIMITS, InputError, check, frozen_array, require_
 
 Kind = Literal["impulse", "stationary"]
 KINDS = get_args(Kind)
-CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"}  # in messages
+CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"}  # words for messages
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
 BLOCK_SAMPLES = GROUP_SAMPLES // 4  # number of samples of a block of all channels
@@ -63,7 +63,7 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration, seconds."""
         return self.samples / self.sample_rate
 
 
@@ -212,7 +212,7 @@ class ImportOptions:
     temperature: Annotated[float, within(-60, 80, "degrees Celsius")] | None = option(
         None, "Air temperature, degrees Celsius; determines the sound speed.", "C"
     )
-    # bounds: heavy gases to solids
+    # the bounds include heavy gases and solids
     sound_speed: Annotated[float, within(100, 6000, "m/s")] | None = option(None, "Sound speed, m/s.", "M/S")
     dimension: Literal[2, 3] = option(3, "Dimension of the sound field: 3 in a room, 2 in a plate.")
     array_dimension: Literal[2, 3] | None = option(None, "2 if the array is plane, else 3.  [default: detected]")

@@ -13,8 +13,8 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds, length of a window
-# Largest number of microphones, by the number of their coordinates. In space, 64 take a minute of processor time, and
-# the heights of a flat array are not found reliably: one such array has errors of 41 mm in space and 6 mm in the plane.
+# Largest number of microphones, by the number of their coordinates. In space, 64 microphones take a minute of processor
+# time, and the heights of a flat array are not found reliably, which also increases the errors within its plane.
 MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # largest number of microphones of an array that is tested for being flat
 SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
@@ -38,7 +38,7 @@ def short_windows(
     """Return the windows of a take; None if the options exclude them or the take is not suitable.
 
     A take is not suitable if its sound field is two-dimensional, if it has more than MAX_COUNT channels, is too short,
-    or has low frequencies only. InputError for a band that the recording cannot contain.
+    or has low frequencies only. Raises InputError for a band that the recording cannot contain.
 
     `kind`: one of `fdcal.recordings.recording.KINDS`; `takes`: number of takes; `number`: number of this take, from 0,
     because each take uses other frequencies; `axes`: number of coordinates of a microphone.
@@ -77,7 +77,7 @@ def found_flat(measurement: Measurement) -> bool:
     windows, unknown = measurement.windows, measurement.positions is None and not len(measurement.known)
     if windows is None or not unknown or measurement.array_dimension != 3 or measurement.count > MAX_FLAT:
         return False
-    from ..solvers.robust.windows import is_flat  # loads the solver, which other imports do not need
+    from ..solvers.robust.windows import is_flat  # imported here: it loads the solver, which most takes do not need
 
     return is_flat(windows, measurement.sound_speed)
 

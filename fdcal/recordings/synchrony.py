@@ -7,7 +7,7 @@ phase difference between its means over two stretches of time is that of a delay
 
 in any room. Its transform has a peak at d_n(t) (Knapp and Carter, "The Generalized Correlation Method for Estimation of
 Time Delay", IEEE TASSP 24(4), 1976). Each frequency is weighted with the product of the coherences of both stretches.
-A clock of another speed makes the delay a line over time; missing samples make it a step.
+If a clock has another speed, the delay is a linear function of time; if samples are missing, it has a step.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class SynchronyRules:
     """Settings of the measurement of delays; figures are for 16 microphones in a living room and 12 s of sound."""
 
     # Length of one transform, s, longer than most of the reverberation and than any delay. Delays scatter by 0.23 us in
-    # noise at 30 dB and by 0.70 us in speech; by 0.39 and 0.91 us with half the length, by 0.15 and 1.11 us with twice.
+    # noise at 30 dB and by 0.70 us in speech; with half the length by 0.39 and 0.91 us, with twice by 0.15 and 1.11 us.
     segment: float = 0.25
     # shortest, longest: length of a stretch, s. With 1 s the delays in speech scatter by 1.7 us, and one in 33 is not
     # found. In 4 s a drift of 80 ppm amounts to 0.3 ms, so that sound below 3 kHz remains coherent.
@@ -62,7 +62,7 @@ class ChannelDelays:
 
     times: np.ndarray  # (G,) float64, s, middle of each stretch
     delays: np.ndarray  # (N, G) float64, s, relative to those of the first stretch; NaN where they are unknown
-    limit: np.ndarray  # (N,) float64, s, above which a change is a fault
+    limit: np.ndarray  # (N,) float64, s; a larger change of the delay is a fault
 
     def faults(self, names: tuple[str, ...]) -> dict[str, ClockFault]:
         """Return the fault of each channel whose clock differs from the others, by the name of the channel."""
@@ -154,7 +154,7 @@ def _delay(product: np.ndarray, padded: int, fs: float) -> float:
     """Return the lag of the greatest correlation, s; NaN if this correlation does not stand out from the others."""
     correlation = irfft(product * np.abs(product), SYNCHRONY.fine * padded)
     best = int(np.argmax(correlation))
-    if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # both are 0 of a silent channel
+    if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # 0 > 0 if it is silent
         return np.nan
     left, middle, right = (correlation[(best + k) % len(correlation)] for k in (-1, 0, 1))
     bend = left - 2 * middle + right

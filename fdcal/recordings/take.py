@@ -101,7 +101,7 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
         raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device") from error
 
     def blocks() -> Generator[Block, None, None]:
-        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # whole numbers: a float may be NaN
+        arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # integers, since a float may be NaN
         size = round(BLOCK * fs)
         try:
             with sd.InputStream(

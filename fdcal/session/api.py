@@ -285,13 +285,13 @@ def landscape(
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
-    """Return a list of names or numbers of microphones as texts; InputError for a single name that is not in a list."""
+    """Return a list of names or numbers of microphones as texts; raise InputError for a name that is not in a list."""
     remedy = f"put names or numbers into a list: <{key}> = [{shown(values, quoted=True)}]"
     return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
 
 def _entries(key: str, values: Any, what: str, remedy: str) -> list[Any]:
-    """Return the entries of a list; InputError for a text, or for a value that cannot be iterated."""
+    """Return the entries of a list; raise InputError for a text, or for a value that cannot be iterated."""
     if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
         raise InputError(f"{key} = {shown(values, quoted=True)} must be a list of {what}", remedy, key=key)
     return list(values)

@@ -75,7 +75,7 @@ def assess_state(
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     """Return the numbers of the two microphones whose distance is given.
 
-    InputError for a name that no microphone has, or for one microphone named twice.
+    Raises InputError for a name that no microphone has, or for one microphone named twice.
     """
     assert inputs.distance is not None
     names = inputs.measurement.names
@@ -194,7 +194,7 @@ def last_state(
 ) -> tuple[RunState, str]:
     """Return the last state of a run, and why it was stopped ("" if the solver finished).
 
-    InputError if the time is used up before there are positions.
+    Raises InputError if the time is used up before there are positions.
     """
     limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
     end, states, state = clock() + limit, states_of(inputs, progress, problem), None
@@ -219,10 +219,10 @@ def last_state(
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the number of microphones allows, dB of their power, see `fdcal.cost.eq7`.
+    """Return the reference cost of the positions found, dB (`fdcal.cost.eq7.ReferenceCost`).
 
-    A problem without a search domain gets one around the positions found, as on the page. None if a position is not
-    finite, or if the microphones are too few for any mode.
+    A problem without a search domain gets one around the positions found, as on the page. The result is None if a
+    position is not finite, or if the microphones are too few for any mode.
     """
     problem = found.problem
     if not np.isfinite(found.positions).all():
@@ -242,7 +242,7 @@ def with_needed_domain(inputs: CalibrationInput) -> CalibrationInput:
     return replace(inputs, measurement=with_estimated_domain(inputs.measurement, settings, inputs.seed))
 
 
-DOMAIN_SECONDS = 20.0  # processor time for the estimate
+DOMAIN_SECONDS = 20.0  # largest processor time of the estimate, seconds
 
 
 def with_estimated_domain(

@@ -41,8 +41,8 @@ from .sources import CalibrationInput, ProgressReport, compared_with_file, is_re
 class DoctorRules:
     """Limits beyond which a finding is a fault; the figures are from `python -m benchmarks doctor`."""
 
-    # The field is judged at the lowest frequencies, this fraction of all. The error of the measured array is -25 dB at
-    # the lowest third or fifth, and -11 dB at all frequencies.
+    # The field is judged at this fraction of the frequencies, the lowest ones. For the measured array of the benchmark,
+    # the error is -25 dB at the lowest third or fifth of the frequencies, and -11 dB at all of them.
     lowest: float = 1 / 3
     # Leave-one-out error above which there is no sound field between the microphones. Recordings without a fault have
     # -18 dB or less, simulations by rays -2.5 and -3.4 dB.
@@ -153,7 +153,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
     if check is not None and result.verdict != "good":
         # A second calibration begins at the list. It counts if it explains the pressures better.
         listed = np.asarray(measurement.positions)
-        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # solvers need one to seek
+        every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one must be unknown
         known = replace(measurement, known=every, known_positions=listed[every])
         with contextlib.suppress(InputError):
             settings = replace(inputs.settings, known="all")
@@ -230,7 +230,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
 def _size(
     inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: ProgressReport | None
 ) -> tuple[float, float]:
-    """Return the size of a list over that of the array, and one sigma of this ratio, infinite if it is unknown.
+    """Return the ratio of the size of a list to that of the array, and one sigma of it, infinite if it is unknown.
 
     The pressures determine the size far better if the shape is given. A calibration therefore gets the positions that
     are `right`, with one `sigma` of each coordinate, metres, and estimates the sound speed: only k r matters, so that
@@ -239,7 +239,7 @@ def _size(
     known = np.flatnonzero(right)
     if len(known) == len(listed):
         central = int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1)))
-        known = np.delete(known, central)  # a solver must estimate one or more
+        known = np.delete(known, central)  # one must be unknown
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:

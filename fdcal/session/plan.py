@@ -116,10 +116,11 @@ class PlanLimits:
     """Defaults, limits, and how much is computed."""
 
     low: float = 20.0  # Hz, lowest frequency by default
-    # highest frequency by default, over f_max (Eq. 9): at f_max the field has as many functions as there are
+    # highest frequency by default, divided by f_max (Eq. 9): at f_max the field has as many functions as there are
     # microphones, so that the pressures do not predict each other
     high: float = 0.7
-    # frequencies times microphones for which the information is computed; for more the result is scaled
+    # largest number of frequencies times microphones for which the information is computed; above it some frequencies
+    # are left out, and the result is scaled
     work: int = 3000
     min_frequencies: int = 16  # least number of frequencies for which it is computed
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
@@ -251,7 +252,7 @@ class PlanRequest:
 
 @dataclass(frozen=True)
 class ForecastRules:
-    """What the forecast adds to the bound; the figures are of 40 draws with noise and 30 with impulses."""
+    """What the forecast adds to the bound; the figures are from 40 draws with noise and 30 with impulses."""
 
     # F' / F, see the module's docstring. With 8 to 48 microphones at 30 dB the exact sum corresponds to values from 0.3
     # to 0.8.
@@ -259,15 +260,15 @@ class ForecastRules:
     # one sigma of an arrival time as a path, metres: it is 0.1 to 0.8 mm in simulated rooms, 0.9 mm in a measured array
     arrival_sigma_m: float = 5e-4
     freedom: float = 3.0  # degrees of the Student t distribution that the solver assumes for arrival times
-    # Error over the bound of field and arrival times together, in draws 1.5 to 2.2. The solver treats all rows as
-    # independent and gives them too much weight beside arrival times.
+    # Ratio of the error to the bound of field and arrival times together; it is 1.5 to 2.2 in the draws. The solver
+    # treats all rows as independent and gives them too much weight compared with arrival times.
     arrival_margin: float = 1.7
     # One sigma of the logarithm of the error by which one room and source differ from the diffuse field, in addition to
     # the scatter that follows from the covariance.
     field_scatter: float = 0.2
     quantile: float = 1.28  # standard deviations to both sides, within which 8 of 10 draws lie
-    # Error over the bound of a plane array in a room: low, middle, high. The bound assumes equally strong waves from
-    # all directions, from which the size of such an array would follow; no room has such waves.
+    # Ratio of the error to the bound of a plane array in a room: low, middle, high. The bound assumes equally strong
+    # waves from all directions, from which the size of such an array would follow; no room has such waves.
     plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
     source_sets: int = 8  # number of sets of source positions over which arrival times are averaged
     takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares with its own
@@ -465,7 +466,7 @@ def plan_lines(plan: Plan) -> list[str]:
         moved = f"the array is moved as a whole, its centre to ({centre}) m"
         lines.append(f"the layout does not lie inside the room: {moved}")
     wanted = len(request.band_frequencies)
-    of = f" in each take (by default an import uses no more of these {wanted})" if count < wanted else ""
+    of = f" in each take (the band has {wanted}; by default an import uses {count})" if count < wanted else ""
     top = high if request.band is None else request.band[1]
     left_out = f"; of {low:g} to {top:g} Hz the higher ones are left out" if top > high else ""
     lines.append(

@@ -32,8 +32,8 @@ def table_of(scene: Scene) -> dict[str, Any]:
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """Return `scene` with some keys changed, such as {"room.walls": "absorbing", "seed": 3}; None removes a key.
 
-    InputError for a key or a value that a scene cannot have, and for a measured scene unless the key is title, seed or
-    one of the solver.
+    Raises InputError for a key or a value that a scene cannot have, and for a measured scene unless the key is title,
+    seed or one of the solver.
     """
     table = table_of(scene)
     for key, value in changes.items():
@@ -167,7 +167,7 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
 
 
 def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Scene) -> float:
-    if scene.room.response is not None:  # the room refuses walls
+    if scene.room.response is not None:  # its walls are unknown
         return 0.0
     require_choice("walls", parameters.walls, WALLS)
     if parameters.walls != "absorbing":

@@ -41,10 +41,10 @@ MAX_FILLED = 300  # number of states, evenly spaced over a run, whose cost is co
 class StateCosts:
     """Costs of states, dB, kept as long as the states exist."""
 
-    _reference_cost: Callable[..., float] | None = None  # returns the cost of a state; without it every cost is NaN
+    _reference_cost: Callable[..., float] | None = None  # returns the cost of a state; if None, every cost is NaN
     duration: float = 0.0  # seconds that the last cost took
     newest: float = float("nan")  # the cost computed last
-    count: int = 0
+    count: int = 0  # number of costs computed
     _values: dict[int, tuple[weakref.ref, float]] = field(default_factory=dict)
 
     def of(self, state: RunState) -> float:

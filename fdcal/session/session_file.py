@@ -38,7 +38,7 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
 def write(opening: OpenRequest) -> bytes:
-    """Return the bytes of the .zip of a request that has a measurement and states; InputError for NaN or infinity."""
+    """Return the bytes of the .zip of a request that has a measurement and states; raise InputError for NaN."""
     assert opening.measurement is not None
     scene = opening.scene
     if isinstance(scene, MeasuredScene):
@@ -182,10 +182,10 @@ class StateReader:
 
 
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return states of one solver as a table for JSON and arrays by name; InputError for NaN or an infinite array.
+    """Return states of one solver as a table for JSON and arrays by name.
 
     Each array is written once, in a stack of arrays of the same type and shape. In its place the table holds the number
-    of the stack and the index in it.
+    of the stack and the index in it. Raises InputError for NaN, or for an array with an infinite value.
     """
     stacks: dict[tuple, list[np.ndarray]] = {}
     references: dict[int, tuple[np.ndarray, list[int]]] = {}  # the array is kept, so that no other array gets its id
@@ -216,7 +216,7 @@ def read_states(
 ) -> tuple[RunState, ...]:
     """Return the states, at most `max_count`, of a table that `write_states` made, and of its arrays.
 
-    InputError if the type, shape or range of a value is not that of a state of `problem`.
+    Raises InputError if the type, shape or range of a value is not that of a state of `problem`.
     """
     rows, name = (table.get("rows"), table.get("solver")) if isinstance(table, dict) else (None, None)
     if not isinstance(rows, list) or not all(isinstance(entry, dict) for entry in rows):

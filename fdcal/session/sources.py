@@ -77,7 +77,7 @@ def load_input(
     if len(texts) > 1:
         name += f" and {len(texts) - 1} other {'file' if len(texts) == 2 else 'files'}"
     if all(recorded):
-        from ..recordings import importer  # loads the signal library, which a measurement does not need
+        from ..recordings import importer  # imported here: it loads SciPy's filters, which a measurement does not need
 
         measurement, report = importer.import_recording(texts, options or ImportOptions(), progress)
         measurement, radius = _without(measurement, excluded), report.radius
@@ -173,7 +173,7 @@ def with_settings(
 ) -> CalibrationInput:
     """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None changes nothing.
 
-    InputError if the solver does not use a field that is given.
+    Raises InputError if the solver does not use a field that is given.
     """
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)

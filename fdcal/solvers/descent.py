@@ -149,7 +149,7 @@ def _order(problem: Problem, seed: int, sweep: int) -> np.ndarray:
 
 def _lattice(problem: Problem, order_offset: int) -> PlaneLattice | SpaceLattice:
     """Return the candidates: the lattice of the search domain, of two or three dimensions."""
-    from ..cost import lattice  # loads the compiler
+    from ..cost import lattice  # imported here: it loads the compiler
 
     made = lattice.space_lattice if problem.array_dimension == 3 else lattice.plane_lattice
     return made(problem, order_offset)
@@ -162,7 +162,7 @@ def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, 
 
 
 def _cost(problem: Problem, state: State) -> float:
-    """Return Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
+    """Return Eq. 7 over the modes in use, as the cost of one microphone, fitted without it, at its own position."""
     n = int(problem.free[0])
     W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n, state.modes)
     return float(sum(fit.cost_of(w[n : n + 1])[0] for fit, w in zip(fits, W, strict=True)))
@@ -200,7 +200,7 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
 
 
 def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
-    """Raise InputError for a problem whose lattice descent cannot search."""
+    """Raise InputError for a problem or settings that descent cannot work on."""
     if settings.known != "all":
         message = f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs'
         raise InputError(message, "use <known> all, or <solver> joint", key="known")

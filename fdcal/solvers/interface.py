@@ -311,7 +311,7 @@ def max_radius(problem: Problem, modes: int) -> float:
 
 def bounded(problem: Problem, before: State, after: State) -> State:
     """Return the state `after` a step, or the state `before` it as the end of the run if a microphone has diverged."""
-    # A session can also run a solver of problems of another class, which has no such limit.
+    # A session can also run solvers of other problems, whose class is not `Problem`. They have no such limit.
     if not isinstance(problem, Problem):  # pyright: ignore[reportUnnecessaryIsInstance]
         return after
     search = max(problem.search.size) if problem.search is not None else 0.0

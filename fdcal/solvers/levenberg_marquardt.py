@@ -42,10 +42,12 @@ MIN_DAMPING = 1e-9  # smallest damping of the next step
 MAX_DAMPING = 1e6  # no step is tried with a damping above this
 INCREASE = 6.0  # factor on the damping after a trial that does not lower the cost
 DECREASE = 10.0  # divisor of the damping after a step
-# A step is shortened to the minimum of a parabola through the cost along it, if that is before this part of the step.
-# The Gauss-Newton matrix can have half the curvature of the cost; whole steps then alternate about the minimum
+# A parabola is fitted to the cost along a step. If its minimum lies before this fraction of the step, the step is
+# shortened to it. The Gauss-Newton matrix can have half the curvature of the cost; whole steps would then alternate
+# about the minimum.
 OVERSHOT = 0.9
-# relative decrease of the cost that rounding errors hide; after a step that predicts a smaller one, no other is tried
+# Rounding errors hide a relative decrease of the cost below this. No further trial follows one that fails and predicts
+# a smaller decrease.
 MIN_DECREASE = 1e-12
 
 
@@ -83,7 +85,7 @@ def damped_step(
         tried, slope = advance(y), float(g @ y)
         lower = finite(tried) if length(tried) <= max_step else np.inf
         if lower < terms.cost:
-            bend = lower - terms.cost - slope  # the parabola is cost + slope t + bend t^2 at the part t of the step
+            bend = lower - terms.cost - slope  # the parabola is cost + slope t + bend t^2 at the fraction t
             if 0 < -slope < 2 * OVERSHOT * bend:
                 shorter = advance(-slope / (2 * bend) * y)
                 if (between := finite(shorter)) < lower:

@@ -79,7 +79,7 @@ def require_modes(problem: Problem, count: int) -> None:
     microphones, enough = problem.pressures.shape[1], min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
-    equations = max(1, 2 * (microphones - problem.dimension - 1))  # real equations of a row that a fitted field leaves
+    equations = max(1, 2 * (microphones - problem.dimension - 1))  # real equations of a row after the fit of a field
     unknowns = problem.array_dimension * len(problem.free)
     needed = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < needed:

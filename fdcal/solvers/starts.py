@@ -47,7 +47,7 @@ LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # numbers of modes of the affi
 # because each then takes longer.
 RANDOM_STARTS = 32
 RANDOM_SIZE = 24
-RANDOM_LOWEST = (3, 5, 8)  # how many of the lowest modes random starts are fitted to first, in turn
+RANDOM_LOWEST = (3, 5, 8)  # numbers of lowest modes; successive random starts are first fitted to these, in turn
 COHERENCE_LOWEST = 5  # number of the lowest modes to which starts by coherence are fitted first
 
 
@@ -88,11 +88,11 @@ def start(problem: Problem, modes: int, noise: float | None, one: Start) -> np.n
 
 
 OPPOSITE_MODES = 8  # number of the lowest modes that show inverted channels
-OPPOSITE = 0.7  # least mean coherence of a channel with the others, apart from the sign, for its sign to be clear
+OPPOSITE = 0.7  # the sign of a channel is clear if its mean coherence with the others exceeds this, sign corrected
 
 
 def inverted(problem: Problem) -> np.ndarray:
-    """Return which channels are clearly inverted relative to most others : (N,) bool.
+    """Return which channels are clearly inverted relative to the majority : (N,) bool.
 
     Where an array is small compared with the wavelength, the pressures of all channels are equal up to the sign.
     """
@@ -261,7 +261,7 @@ def coherence_start(
     """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,), rad/m, whose real parts are used;
-    noise : noise fraction, None for the most likely of NOISE_FRACTIONS; dimension : of the field
+    noise : noise fraction, None for the most likely of NOISE_FRACTIONS; dimension : dimension of the field
     """
     N, k = pressures.shape[1], np.real(wavenumbers)
     count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
@@ -296,7 +296,8 @@ LONGEST = 3.0  # largest candidate times the smallest k
 def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimension: int) -> tuple[np.ndarray, float]:
     """Return the most likely distances (N, N) between microphones, metres, and the sum of their -log likelihoods.
 
-    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64, rad/m; noise : noise
+    fraction
     """
     N, k = pressures.shape[1], wavenumbers
     i, j = np.triu_indices(N, 1)
@@ -305,7 +306,7 @@ def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimen
     cross = 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
     candidates = np.geomspace(SHORTEST / float(k.max()), LONGEST / float(k.min()), DISTANCES)
     kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, NOISE_FRACTIONS[0]))
-    det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
+    det = 1 - kappa**2  # determinant of the covariance of two channels of unit power; cost adds the quadratic form
     cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]  # (DISTANCES, pairs)
     distance = np.zeros((N, N))
     distance[i, j] = distance[j, i] = candidates[np.argmin(cost, axis=0)]

@@ -108,7 +108,7 @@ def read(path: str | Path, source: int | None = None, rate: float | None = None)
 
 
 def wanted_source(source: int | None, count: int) -> int:
-    """Return the number of the wanted source, 0 for None; InputError if the file does not have this source."""
+    """Return the number of the wanted source, 0 for None; raise InputError if the file does not have this source."""
     source = source or 0
     if not 0 <= source < count:
         raise InputError(f"source = {source} does not exist", f"the file has sources 0 to {count - 1}", key="source")

@@ -91,10 +91,10 @@ def _rate_of_times(times: np.ndarray) -> float | None:
 def recording_in(
     path: Path, arrays: Arrays, rate: float | None, opened: Callable[[str], Opened] | None = None
 ) -> Recording:
-    """Return the recording in arrays; InputError with a list of them if several may be the samples.
+    """Return the recording in arrays; raise InputError with a list of them if several may be the samples.
 
-    `rate`: sampling rate, Hz, if the arrays hold none; `opened`: for arrays that are not in memory; returns the
-    function that opens the array of a name.
+    `rate` is the sampling rate, Hz, if the arrays hold none. `opened` is for arrays that are not in memory: it returns
+    the function that opens the array with a given name.
     """
 
     def long(array: Any) -> list[int]:

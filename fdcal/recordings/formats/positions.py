@@ -383,7 +383,7 @@ def _of_rows(
 
 
 def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], unique: bool) -> list[str]:
-    """Return the names of the rows, or their numbers; InputError for a column of numbers without a known meaning."""
+    """Return the names of the rows, or their numbers; raise InputError for numbers in a column of unknown meaning."""
     kinds = [meaning(cell)[0] for cell in head]
     left = [c for c in range(len(head)) if c not in used and kinds[c] not in ("uncertainty", "unit")]
     naming = sorted((c for c in left if kinds[c] == "name"), key=lambda c: head[c] in ("", "#"))[:1]

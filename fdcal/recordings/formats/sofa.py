@@ -42,7 +42,7 @@ def open_sofa(path: Path):
 
 
 def values_of(file, name: str) -> np.ndarray:
-    """Return a variable as real numbers; InputError if it is missing, empty or not finite."""
+    """Return a variable as real numbers; raise InputError if it is missing, empty or not finite."""
     if name not in file.variables:
         raise InputError(f'it has no "{name}"', "write the file with a SOFA library", key=name)
     values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)

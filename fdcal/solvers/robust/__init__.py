@@ -106,8 +106,8 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """Return the cost of each mode with microphone `n` moved over the lattice, at the present gains.
 
     The cost is the negative log-likelihood, (modes, ny, nx) float64, dimensionless. In space the lattice is the
-    horizontal layer at the height of the microphone. If short windows are used, each mode contains an equal part of
-    their term, so that the sum over the modes in use is what the last stage minimises.
+    horizontal layer at the height of the microphone. If short windows are used, the map of each mode contains an equal
+    part of their term, so that the sum of the maps of the modes in use is what the last stage minimises.
     """
     from ...cost.maps import likelihood_maps  # imported here, because only maps need it
 

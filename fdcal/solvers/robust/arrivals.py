@@ -44,14 +44,15 @@ class ArrivalTerms:
     """The term of the arrivals at some positions."""
 
     cost: float  # nats
-    # (T, F) float64, derivatives of each take's cost by the N D coordinates, the N delays if they are unknown, and the
-    # logarithm of the sound speed
+    # (T, F) float64, derivatives of each take's cost with respect to the N D coordinates, the N delays if they are
+    # unknown, and the logarithm of the sound speed
     gradient: np.ndarray
     matrix: Reals  # (F, F) float64, Gauss-Newton matrix of all takes
     # residual, weight: (T, N) float64, metres and 1/m^2; 0 where there is no arrival
     residual: Reals
     weight: Reals
-    # (T, N, F) float64, derivatives of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
+    # (T, N, F) float64, derivatives of the weighted residuals, with the sources profiled out; `matrix` is the sum over
+    # the takes of slopes^T slopes
     slopes: Reals
     count: Reals  # (T,) float64, number of arrivals minus the number of unknowns of the source
     source: TakeSources  # the likeliest source of each take
@@ -63,7 +64,7 @@ MIN_DECREASE = 1e-9  # nats; the fit ends when the next step predicts a smaller 
 DAMPING = 1e-3
 MIN_DAMPING = 1e-9
 NEAREST = 0.1  # metres, least distance of a source from the middle of the array
-# smallest ratio of the curvature of a residual's cost to its weight that is used; that of an outlier is negative
+# smallest ratio of curvature to weight of a residual that the fit uses; the exact ratio of an outlier is negative
 MIN_CURVATURE = 0.1
 STARTS = (0.0, 0.6)  # first values of q in the fit, times the radius of the array
 
@@ -339,9 +340,9 @@ MAX_CHANGE = 4.0  # largest factor by which one update changes sigma
 def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
     """Return the sigma (T,), metres, of the arrivals, by empirical Bayes (MacKay).
 
-    Its square is the weighted sum of the squared residuals over the number of residuals that the positions are not free
-    to fit; the stated sigma counts as `PRIOR_COUNT` further residuals. Outliers are left out, because the error of the
-    estimated scale of a Student t distribution has no limit if a fraction 1 / (1 + NU) of the values are outliers.
+    Its square is the weighted sum of the squared residuals, divided by the degrees of freedom that remain after the fit
+    of the positions; the stated sigma counts as `PRIOR_COUNT` further residuals. Outliers are left out, because the
+    estimate of the scale of a Student t distribution breaks down at a fraction 1 / (1 + NU) of outliers.
 
     covariance : (F, F) float64, of the unknowns that the arrivals depend on
     """

@@ -28,8 +28,8 @@ MAX_EXAMINED = 6  # largest number of channels that are examined in one search, 
 # absolute complex log gain above which a gain is a gross fault, such as that of an inverted channel; without this rule
 # the error of a circle without given positions grows from 18 to 25 mm
 GROSS = 0.5
-# Filters are only sought if no more channels than this are suspicious. Without this limit six healthy channels of one
-# array get a filter, and this array, with an error of 5.4 mm and a claimed sigma of 1.1 mm, gets the verdict "good".
+# Filters are only sought if no more channels than this are suspicious. If many channels are, the positions are probably
+# wrong. Filters of healthy channels could then fit the wrong positions, which would get the verdict "good".
 MAX_FILTERED = 3
 SPACING = 0.125  # spacing of the candidates, in shortest wavelengths
 

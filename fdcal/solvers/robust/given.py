@@ -114,8 +114,8 @@ def _released(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-# To save time, the given positions are not examined further if chance alone would cause at least their disagreement
-# with a probability above this.
+# To save time, the given positions are not examined further if errors within their sigmas cause a disagreement that is
+# at least as large with a probability above this.
 AGREE = 0.2
 
 
@@ -230,8 +230,7 @@ def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float |
 # prior probability that a given position is wrong, or that two are exchanged; with 0.2 the errors of 2 of 32 arrays
 # grow from 5 to 11 mm
 WRONG = 0.05
-# ratio of the largest to the smallest distance in the prior of a wrong position; with 10 the error of one array grows
-# from 5 to 12 mm
+# ratio of the largest to the smallest distance in the prior of a wrong position; with 10 an error can double
 DECADES = 1e3
 # width (nepers) of the log-normal prior of the sigma of a given coordinate about GIVEN_SIGMA, and its largest value,
 # metres; with a width of 1 the error of an array in space grows from 11 to 18 mm

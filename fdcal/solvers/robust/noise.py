@@ -37,9 +37,8 @@ def with_power(state: State, used: Integers, chosen: FieldModel, terms: Terms) -
 # largest number of modes, evenly spaced, from which the noise is estimated; with all modes the estimate takes three
 # times as long, and the error of 1 of 22 arrays grows from 36 to 54 mm
 NOISE_MODES = 24
-# The reported noise is used if it is within this factor of the estimate. If it were always used, one array, which is
-# found with an error of 2.6 mm, would not be found; if never, the error of an array in space would grow from 16 to
-# 20 mm.
+# The reported noise is used if it is within this factor of the estimate. If it were always used, one array of the suite
+# would not be found; if it were never used, errors could grow by a quarter.
 BELIEVED = 2.0
 
 
@@ -83,7 +82,8 @@ def centred(state: State) -> State:
 # smallest sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
 # by 10 to 15 %
 MIN_SPREAD = 1e-4
-# expected, and largest, sigma of delays, metres, and corners, rad/m; the expected one has the weight of one channel
+# Expected and largest sigma of the delays, metres, and of the corners, rad/m. The expected sigma counts as one more
+# channel when the sigma is estimated.
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
 # expected error of a given coordinate, metres, and its weight as a number of positions; without them an array with a
@@ -205,10 +205,11 @@ def _updated_sigma(
 ) -> float:
     """Return the updated sigma of a prior, limited to the range from `floor` to `maximum`.
 
-    Its square is the sum of the squared deviations over the number of deviations that the data determine. deviation :
-    (K,), norm of the components of each; variance : (K,), posterior variance per component
+    Its square is the weighted sum of the squared deviations, divided by the number of components that the data
+    determine. deviation : (K,), norm of the components of each deviation; variance : (K,), posterior variance of one
+    component
     """
-    weight = objectives.spring(deviation**2, sigma, components) * sigma**2
+    weight = objectives.prior_stiffness(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
     return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
@@ -314,15 +315,16 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# Weight, as a number of observations, of a take's power by direction in the estimate of that of each of its rows, by
-# the dimension of the field. It is lower in two dimensions, because the modes of a plate differ more than the
-# frequencies of a room. If all rows of a take had the same power by direction, the errors of 9 of 27 arrays would be
-# 4 to 160 % larger; if all takes had the same one, the error of a measured array would be 71 mm.
+# For fields of 2 and of 3 dimensions: the number of observations as which the power by direction of a whole take counts
+# when the power by direction of one of its rows is estimated. It is lower in two dimensions, because the modes of a
+# plate differ more than the frequencies of a room. If all rows of a take had the same power by direction, the errors of
+# 9 of 27 arrays would be 4 to 160 % larger; if all takes had the same one, a measured array of 70 microphones would not
+# be found.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
 def with_directions(problem: Problem, state: State, used: Integers, updates: int) -> State:
-    """Return `state` with a directional field's power by direction after some `updates`."""
+    """Return `state` with the power by direction of a directional field after `updates` iterations."""
     model = state.model
     if not model.directional:
         return state

@@ -61,7 +61,7 @@ EXACT = 1e-6  # metres; with a smaller stated sigma the given positions never mo
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What a step moves."""
+    """The unknowns that a step changes."""
 
     positions: Reals  # (N, D) float64, metres
     channels: Reals  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
@@ -102,7 +102,7 @@ class Priors:
     # inverted polarity
     offsets: Reals
     speed_sigma: float = 0.0  # standard deviation of the logarithm of the sound speed; 0 if the speed is fixed
-    known_tail: float = NU  # degrees of freedom of the prior of the given positions; with many it is Gaussian
+    known_tail: float = NU  # degrees of freedom of the prior of the given positions; if large, it is nearly Gaussian
     # delay_sigma, corner_sigma: metres and rad/m; 0 if only faulty channels have filters, whose prior is then wide
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
@@ -117,14 +117,14 @@ class Priors:
         e, nu = positions[self.known] - self.places, self.known_tail
         square, D, sigma = np.sum(e**2, axis=1), e.shape[1], max(self.known_sigma, EXACT)
         cost = (nu + D) / 2 * float(np.sum(np.log1p(square / (nu * sigma**2))))
-        return cost, e, spring(square, sigma, D, nu)
+        return cost, e, prior_stiffness(square, sigma, D, nu)
 
     def without_given(self) -> Priors:
         """Return the priors without those of the given positions."""
         return replace(self, known=self.known[:0], places=self.places[:0])
 
 
-def spring(square: Any, sigma: float, components: int, freedom: float = NU):
+def prior_stiffness(square: Any, sigma: float, components: int, freedom: float = NU):
     """Return the stiffness of the Student t prior at the squared deviation `square`."""
     return (freedom + components) / (freedom * sigma**2 + square)
 
@@ -263,7 +263,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient: Reals, matrix: Rea
             e = channels[:, column] - (priors.offsets[:, column] if column < 2 else 0.0)
             if sigma > 0:
                 cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
-                add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
+                add(P * every + D + column, prior_stiffness(e**2, sigma, 1) * e, prior_stiffness(e**2, sigma, 1))
             else:
                 wide = (DELAY_SIGMA, CORNER_SIGMA)[column - 2]
                 cost += np.sum((e / wide) ** 2) / 2
@@ -297,8 +297,7 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
-# nepers and radians, prior sigma of gains and phases at the start; with 0.05 one array, whose error with 0.02 is
-# 4.5 mm, is not found
+# nepers and radians, prior sigma of gains and phases at the start; with 0.05 one array of the suite is not found
 GAIN_SIGMA = 0.02
 PHASE_SIGMA = 0.02
 
@@ -332,7 +331,7 @@ CARRYING_TAIL = 1e6
 
 
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
-    """Return one sigma of a given coordinate, metres, at the start, 0 if exact; later it usually only falls."""
+    """Return the sigma of a given coordinate at the start, metres, 0 if exact; during a run it usually only falls."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
     return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA

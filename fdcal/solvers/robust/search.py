@@ -36,7 +36,7 @@ DIFFERENT = 0.02
 def begin(problem: Problem, state: State) -> State:
     """Return `state` at the first start that can be computed, before it is fitted.
 
-    Microphones with given positions are placed there. Raises InputError if no start can be computed.
+    Microphones with given positions are placed at these. Raises InputError if no start can be computed.
     """
     number, one, x = next(_starts(problem, replace(state, starts=()), 0))
     x = np.array(in_frame(problem, state.settings, x, one.given))
@@ -66,7 +66,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def is_complete(problem: Problem, state: State) -> bool:
-    """Return whether enough starts have ended at the most likely array, or no other start is worth its time."""
+    """Return whether enough starts have ended at the most likely array, or none is left that should be tried."""
     found: tuple[FittedStart, ...] = state.starts or ()
     if found and found[0].hits >= (2 if len(found) == 1 else AGREEING):
         return True
@@ -94,14 +94,15 @@ def _windows_suffice(problem: Problem, found: tuple[FittedStart, ...]) -> bool:
 def _starts(problem: Problem, state: State, first: int) -> Iterator[tuple[int, starts.Start, np.ndarray]]:
     """Yield number, kind and positions (N, D), metres, of the starts from number `first` on that can be computed.
 
+    They are computed from the pressures after the sign of clearly inverted channels is corrected.
     Raises InputError or LinAlgError if the modes determine none of them, and no array was found before.
     """
     reported, plan = noise.given_noise(problem, state), starts.plan(problem, state.last)
     level = None if reported is None else float(np.median(reported[state.modes]))
-    upright = replace(problem, pressures=np.where(starts.inverted(problem), -1, 1) * problem.pressures)
+    corrected = replace(problem, pressures=np.where(starts.inverted(problem), -1, 1) * problem.pressures)
     for number, one in list(enumerate(plan))[first:]:
         try:
-            x = starts.start(upright if one.given else starts.without_given(upright), state.last, level, one)
+            x = starts.start(corrected if one.given else starts.without_given(corrected), state.last, level, one)
         except (InputError, np.linalg.LinAlgError):
             if number + 1 == len(plan) and not state.starts:
                 raise

@@ -113,7 +113,7 @@ def _of_data(
 
 
 def sandwich(P: Reals, gradients: Reals, matrices: Reals, outputs: Reals) -> float:
-    """Return tr J / tr Q of the module for linear functions of the unknowns, the rows of `outputs` (K, F).
+    """Return tr J / tr Q of the module docstring for linear functions of the unknowns, the rows of `outputs` (K, F).
 
     P : (F, F); gradients, matrices : (B, F) and (B, F, F), g_b and H_b of the blocks
     """

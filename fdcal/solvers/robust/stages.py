@@ -25,8 +25,8 @@ def begin_stage(problem: Problem, state: State, stage: int) -> State:
 def begin_restart(problem: Problem, state: State, positions: np.ndarray) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
     x = in_frame(problem, state.settings, positions)
-    turned = starts.inverted(problem) & (state.settings.gains != "fixed")
-    gains = frozen_array(np.pi * np.outer(turned, [0, 1]), float)
+    inverted = starts.inverted(problem) & (state.settings.gains != "fixed")
+    gains = frozen_array(np.pi * np.outer(inverted, [0, 1]), float)
     model = objectives.first_model(problem, state.settings)
     progress = StageProgress(restart=state.restart + 1, stage=FREE, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=gains, offsets=gains, model=model, progress=progress)
