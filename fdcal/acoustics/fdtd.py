@@ -167,7 +167,7 @@ Progress = Callable[[float], None]
 REPORTS = 50  # number of calls of `progress` in a run
 CHUNK = 100_000_000  # cell updates between two checks for Ctrl-C; they take a few hundredths of a second
 MAX_SAMPLES = 500_000_000  # largest number of samples in all recordings together; they occupy 4 GB
-TAPS = 3.3  # length of a Hamming-windowed filter in samples, times its transition width over fs
+TAPS = 3.3  # length of a Hamming-windowed filter in samples, times its transition width divided by fs
 
 
 def pulse_length(source: Source) -> int:
@@ -198,7 +198,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     """Return the recordings of the source's pulse in the cells of the receivers (N, 2), metres : (N, T), any unit.
 
     `progress` is called about 50 times with the fraction done; an exception that it raises ends the run. Raises
-    Raises InputError for a duration that is too long or shorter than the pulse, and as `make_grid` and `cells_at` do.
+    InputError for a duration that is too long or shorter than the pulse, and as `make_grid` and `cells_at` do.
     """
     fs = source.band.sample_rate
     grid = make_grid(room, fs)

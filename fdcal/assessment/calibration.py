@@ -41,9 +41,9 @@ class Evidence(FrozenArrays):
     Attributes
     ----------
     residual_to_noise : float
-        Reduced chi-square of the pressures: power of the residual over that of the noise.
+        Reduced chi-square of the pressures: power of the residual divided by that of the noise.
     leave_one_out_db : float or None
-        Leave-one-out prediction error over pressure, decibels, of all microphones and frequencies together.
+        Leave-one-out prediction error relative to the pressure, decibels, of all microphones and frequencies together.
     microphones_db : (N,) float64 or None
         The same for each microphone.
     frequencies_db : (M,) float64 or None
@@ -206,7 +206,7 @@ class Run:
     settings: SolverSettings
     seed: int
     step: int  # number of steps that the run took
-    states: Callable[[], Iterator[Any]]  # runs the solver again and yields its states, up to `step`
+    states: Callable[[], Iterator[Any]]  # runs the solver again and yields its states
 
 
 @dataclass(frozen=True, eq=False, repr=False)

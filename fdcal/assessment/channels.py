@@ -25,8 +25,8 @@ POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
 # The prediction of a healthy channel becomes worse with its distance from the others. In a sparse array some channels
 # can hardly be predicted, and others by about half. Channels therefore only count as dead if all others are predicted
-# clearly better, which means that their unpredicted fraction is below UNPREDICTED over this factor. Without this rule
-# healthy channels count as dead in 24 of 48 sparse arrays. With it none does, and all dead channels of the suite
+# clearly better, which means that their unpredicted fraction is below UNPREDICTED divided by this factor. Without this
+# rule healthy channels count as dead in 24 of 48 sparse arrays. With it none does, and all dead channels of the suite
 # `benchmarks field` are found.
 PREDICTED_BETTER = 3.0
 MAX_UNPREDICTED = 0.5  # fraction of the channels above which none is dead, because the array is too sparse
@@ -77,7 +77,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
 
 GAIN_SIGMAS = 4.0  # deviation of gain or phase that is a fault, in sigmas of all channels
 MIN_GAIN = 0.12  # nepers of the gain, or radians of the phase, below which a deviation is never a fault
-MEDIAN_OF_NORMAL = 0.6745  # median absolute deviation of a normal distribution over its sigma
+MEDIAN_OF_NORMAL = 0.6745  # median absolute deviation of a normal distribution, divided by its sigma
 FILTER_SIGMAS = 4.0  # deviation of a delay or a corner frequency that is a fault, in its own sigmas
 # seconds and hertz below which a deviation is never a fault
 MIN_DELAY = 2e-5

@@ -67,9 +67,9 @@ def _field(problem: Problem, positions, modes: slice, noise: np.ndarray | None) 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Leave-one-out prediction error over pressure, in decibels."""
+    """Leave-one-out prediction error relative to the pressure, in decibels."""
 
-    overall: float  # power of the error over power of the pressures, every mode with the same weight
+    overall: float  # power of the error divided by that of the pressures, every mode with the same weight
     microphones: np.ndarray  # (N,) float64, the same for each microphone
     modes: np.ndarray  # (modes in use,) float64, the same for each mode
 

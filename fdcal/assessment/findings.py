@@ -193,7 +193,7 @@ def _good(seen: Judged) -> str:
     return f"no check contradicts the positions found for the other microphones; {words}; faulty: {faults}"
 
 
-INACCURATE = 2.0  # sigma of the given positions over the expected one above which the message mentions it
+INACCURATE = 2.0  # ratio of the sigma of the given positions to the expected one above which the message mentions it
 CONTRADICTION = 4.0  # reduced chi-square of the difference of two estimates above which the message mentions it
 
 

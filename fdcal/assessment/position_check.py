@@ -159,7 +159,8 @@ class PositionCheck:
     spacing : (N,) float64
         Metres, distance of each position of the list from the nearest other one.
     scale : float
-        Size of the list over that of the array found; 1 unless they differ by more than a tenth, as with other units.
+        Ratio of the size of the list to that of the array found; 1 unless they differ by more than a tenth, as with
+        other units.
         The lengths above belong to the list divided by this scale.
     symmetric : bool
         Whether the list also fits after a rotation or reflection of the array, because this is symmetric. A swap of
@@ -274,7 +275,7 @@ MAX_SCALE = 1.1  # up to this ratio of the sizes of list and array the list is n
 
 
 def size_ratio(found: np.ndarray, given: np.ndarray) -> float:
-    """Return the ratio of the median distances between microphones, `given` over `found`, whatever their order."""
+    """Return the median distance between microphones of `given`, divided by that of `found`, whatever their order."""
     apart = [distances(p, p)[np.triu_indices(len(p), 1)] for p in (found, given)]
     own, listed = map(float, np.median(apart, axis=1))
     return listed / own if min(own, listed) > 0 else 1.0
@@ -411,7 +412,7 @@ class ListFit:
     kept : (N,) bool
         Rows by which the list was aligned.
     scale : float
-        Size of the list over that of the array.
+        Ratio of the size of the list to that of the array.
     misplaced : tuple of int
         Microphones that are not at their listed positions.
     sized : bool

@@ -34,12 +34,12 @@ def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarra
     """
     cost = np.ascontiguousarray(cost, dtype=float)
     flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map of two dimensions has one layer
-    basins = _basins(_lowest_neighbours(layers))
+    basins = _roots(_lowest_neighbours(layers))
     passes = _passes(layers, basins)
     passes = passes[np.argsort(flat[passes[:, 0]], kind="stable")]
     ended, heirs = _merge(flat, basins, passes, float(depth))
     minima = np.flatnonzero((basins == np.arange(cost.size)) & ~ended)
-    return minima[np.argsort(flat[minima], kind="stable")], _basins(heirs)[basins]
+    return minima[np.argsort(flat[minima], kind="stable")], _roots(heirs)[basins]
 
 
 @compiled
@@ -61,7 +61,7 @@ def _lowest_neighbours(cost: Reals):
 
 
 @compiled
-def _basins(parents: Integers):
+def _roots(parents: Integers):
     """Return the root of each point's tree : (P,) int64; a root is its own parent."""
     basin = parents.copy()
     for point in range(len(basin)):

@@ -208,7 +208,11 @@ def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
     """Return a sentence that says why the microphones cannot carry the mode with number `mode`, counted from 1."""
     R = search_domain(problem).radius
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
-    formulas = {(2, 2): "2L + 1", (3, 3): "(L + 1)^2", (3, 2): "(L + 1)(L + 2) / 2"}  # by the two dimensions
+    formulas = {
+        (2, 2): "2L + 1",
+        (3, 3): "(L + 1)^2",
+        (3, 2): "(L + 1)(L + 2) / 2",
+    }  # by field and array dimension
     return (
         f"frequency {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
         f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"
@@ -299,7 +303,7 @@ expansion_of = functools.lru_cache(maxsize=8)(FieldExpansion)  # so that all sea
 
 # added to ceil(k R); with the paper's 0 the truncation error exceeds the effect of moving a microphone by 1 cm
 ORDER_OFFSET = 2
-MIN_MODES = 3  # if the microphones carry fewer modes, the order is lowered
+MIN_MODES = 3  # if the microphones can carry fewer modes than this, the order is lowered
 LOWEST = 1e-16  # relative cost below which all costs have the same value in decibels
 
 

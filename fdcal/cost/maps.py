@@ -240,7 +240,7 @@ class CostVolume:
     ) -> np.ndarray | None:
         """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx).
 
-        `cancelled` is asked before each mode; if it returns True, the result is None.
+        `cancelled` is called before each mode; if it returns True, the result is None.
         """
         places = [np.atleast_1d(np.asarray(axis, float)) for axis in (x, y, z)]
 

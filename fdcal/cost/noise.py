@@ -118,7 +118,7 @@ def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
 
 
 CHANNEL_COUNT = 6.0  # weight of the expectation tau = 1, as a number of observations
-# bounds on tau, the noise of a channel over v
+# bounds on tau, the noise of a channel divided by v
 MIN_CHANNEL_NOISE = 0.3
 MAX_CHANNEL_NOISE = 1e6
 

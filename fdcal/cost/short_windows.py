@@ -351,7 +351,7 @@ Kernel = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def anisotropic_kernel(x: Reals, k: Reals, spectrum: Reals, bandwidth: float, slope: bool = True) -> Kernel:
-    """Return K (F, N, N) and its derivatives: (3, F, N, N) with respect to x_i - x_j, (7, F, N, N) to the spectrum.
+    """Return K (F, N, N), its derivatives with respect to x_i - x_j (3, F, N, N) and to the spectrum (7, F, N, N).
 
     x : (N, 3), metres; k : (F,), rad/m; bandwidth : B, rad/m; spectrum : (7,), a_l, r, g. The derivatives are empty
     without `slope`.
@@ -411,7 +411,7 @@ def _nodes(k: Reals, count: int) -> np.ndarray:
 
 
 def _delays(field: ShortField) -> list[np.ndarray]:
-    """Return t (T, W, N), metres, its derivatives (3, T, W, N) with respect to the coordinates, and three arrays more.
+    """Return t (T, W, N), metres, its derivatives (3, T, W, N) with respect to the coordinates, and three more arrays.
 
     These three, (T, W, N) each, are the derivatives with respect to the direction of the wave, along two tangents, and
     to its curvature.

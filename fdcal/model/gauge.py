@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from .validation import InputError, Integers, Reals, frozen_array, require_choice
 
 FRAMES = ("known", "minimal", "axes")
-COLLINEAR = 1e-6  # microphones lie in a line or plane if their distance from it, over the array's extent, is below this
+COLLINEAR = 1e-6  # microphones lie in a line or plane if their distance from it is below this times the array's extent
 INDEPENDENT = 0.1  # a coordinate axis completes the axes found so far if its component perpendicular to them is longer
-FLAT = 1e-3  # an array lies on a line or in a plane if its smallest extent over the largest one is below this
+FLAT = 1e-3  # an array lies on a line or in a plane if its smallest extent is below this times the largest one
 MIN_KNOWN = {  # what fixes the gauge, by the number of coordinates
     2: "three known microphones that are not on one line",
     3: "four known microphones that are not in one plane",

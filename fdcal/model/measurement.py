@@ -25,7 +25,7 @@ from .storage import load_archive
 from .validation import LIMITS, InputError, convert, frozen_array, naming, refusal, require_array, require_choice
 
 LATEST_ARRIVAL = 1e4  # seconds, latest arrival time that is accepted
-ARRIVAL_SIGMA = 3e-4  # one sigma of an arrival unless it is given, metres over the sound speed
+ARRIVAL_SIGMA = 3e-4  # metres, one sigma of an arrival, times the sound speed, unless it is given
 ROUNDING = 1e-9  # relative to the wavenumber; an imaginary part below this may have either sign
 CERTAIN = 6.0  # number of sigmas by which the power of noise may by chance be below its mean
 DUPLICATE = 1e-9  # difference of two channels up to a factor, relative to their norm, below which they are copies
@@ -77,7 +77,7 @@ class Measurement:
         Times at which the direct sound arrives at each microphone in each take, seconds. Row t belongs to take t, and
         its origin is arbitrary. NaN where the direct sound is too weak.
     arrival_sigma : (T,) float64 or float, optional
-        Estimated sigma of an arrival of each take, seconds; the default is 0.3 mm over the sound speed.
+        Estimated sigma of an arrival of each take, seconds; the default is 0.3 mm divided by the sound speed.
     windows : ShortWindows, optional
         Spectra of short windows of the recordings, which solvers "robust" and "joint" use in addition to the rows.
     nominal : bool, optional

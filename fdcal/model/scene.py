@@ -321,13 +321,13 @@ class Scene:
                 raise InputError("source has no meaning in a room that was measured", "remove it", key="source")
         elif len(self.emitter.places[0]) != D:
             key, position = self.emitter.keys[0], self.emitter.places[0]
-            raise refusal(key, list(position), f"is not in a room of {D} lengths", f"give {D} coordinates")
+            raise refusal(key, list(position), f"does not fit a room of {D} dimensions", f"give {D} coordinates")
         if self.array.room_dimension != D:
             wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
-            why = f"is of {self.array.room_dimension} dimensions and the room of {D}"
+            why = f"has {self.array.room_dimension} dimensions, and the room has {D}"
             raise refusal("array.geometry", self.array.geometry, why, f"use {wanted} coordinates")
         if D == 3 and self.measurement.wavenumber != "continuous":
-            why, remedy = "has no meaning without a grid", 'a room of three lengths needs "continuous"'
+            why, remedy = "has no meaning without a grid", 'a room of three dimensions needs "continuous"'
             raise refusal("measurement.wavenumber", self.measurement.wavenumber, why, remedy)
         if self.search is not None:
             require_point("search.origin", self.search.origin, (self.array.dimension,))

@@ -151,7 +151,7 @@ class ImportLimits:
     max_frequency: float = 0.45  # highest frequency of a band, relative to the sampling rate
     celsius: float = 20.0  # default temperature, degrees Celsius
     known_radius_factor: float = 1.2  # assumed radius of an array relative to that of its known microphones
-    coherent_radius_factor: float = 1.25  # assumed radius of an array over the estimate from its coherence
+    coherent_radius_factor: float = 1.25  # assumed radius of an array relative to the estimate from its coherence
 
 
 IMPORT_LIMITS = ImportLimits()

@@ -26,9 +26,9 @@ MIN_WINDOWS = 30  # smallest number of windows of a take, unless it is too short
 SPACING = 1.5  # spacing of the frequencies relative to that of independent ones, 1 / WINDOW
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
 OCTAVE = 2.0  # least ratio of the upper to the lower end of the default band
-QUIET = 1e-3  # power over the mean power at a frequency, below which a window is in a pause
+QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which a window is in a pause
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
-OVER_NOISE = 4.0  # power over that at the end of the recording, below which an impulse response has ended
+OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended
 SHORTEST = 0.2  # seconds after the onset that are always used
 
 

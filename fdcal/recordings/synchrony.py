@@ -35,7 +35,8 @@ class SynchronyRules:
     # Channels that serve as the reference, one after the other, by the quantile of their level.
     references: tuple[float, ...] = (0.5, 0.25, 0.75)
     changed: int = 2  # least number of stretches with another delay; a stretch with a step in it may have either delay
-    # least peak of the correlation over its RMS: independent noise reaches 4.4, coherent sound of 0 dB SNR 19 or more
+    # least ratio of the peak of the correlation to its RMS: independent noise reaches 4.4, coherent sound of 0 dB SNR
+    # 19 or more
     peak: float = 8.0
     fine: int = 4  # points per sample; 2 and 8 give the same scatter of delays
     # Least change of a delay that is a fault, s. If the air becomes 1 K warmer, sound crosses an array of 0.8 m 4 us

@@ -42,15 +42,15 @@ class ChannelEstimate:
     filter_sigma: Reals
     # (2,) float64, prior sigma of gains, nepers, and phases, radians, estimated without channels with gross faults
     spread: Reals
-    noise: Reals  # (N,) float64, noise of each channel over that of a healthy one
+    noise: Reals  # (N,) float64, noise of each channel relative to that of a healthy one
 
 
 @dataclass(frozen=True)
 class FieldEstimate:
     """Field and noise of the modes in use, at the end of the run."""
 
-    noise_fraction: float  # noise power over the mean power of the pressures
-    # (M,) float64, power of the field, and noise power of a healthy channel, both over the mean power of each mode
+    noise_fraction: float  # noise power divided by the mean power of the pressures
+    # (M,) float64, power of the field, and noise power of a healthy channel, relative to the mean power of each mode
     power: Reals
     noise: Reals
     # terms of the likelihood with a weaker prior of an isotropic field; they predict each channel from the others
@@ -79,7 +79,7 @@ class PositionSpread:
 
     @property
     def excess(self) -> float:
-        """Relative excess of the variance of the data's errors over the variance that the field model predicts."""
+        """How much the variance of the data's errors exceeds that which the field model predicts, relative to it."""
         return EXCESS * max(0.0, self.dispersion - 1)
 
 
@@ -98,7 +98,7 @@ class GivenHypothesis:
     # (N, D) float64, metres: the shape of this array comes from the pressures, its frame from the right given positions
     positions: Reals
     sigma: Reals  # (A,) float64, metres, standard deviation of `positions` at the microphones with a given position
-    noise: Reals  # (A,) float64, noise of the channels of these microphones over that of a healthy one
+    noise: Reals  # (A,) float64, noise of the channels of these microphones relative to that of a healthy one
     wrong: Bools  # (A,) bool, which given positions are wrong
 
 
@@ -139,8 +139,8 @@ class Estimate:
     field: FieldEstimate
     spread: PositionSpread
     given: GivenEstimate
-    # logarithm of the estimated sound speed over that of the problem, and its standard deviation; both are 0 if the
-    # speed is fixed
+    # logarithm of the ratio of the estimated sound speed to that of the problem, and its standard deviation; both are 0
+    # if the speed is fixed
     log_speed: float
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]  # the most likely first

@@ -252,7 +252,7 @@ REACH = (4.0, 4.0, 9.0, 9.0, 9.0)
 FAR_WEIGHT = 0.1
 SCATTER = 0.2  # relative error of a distance; pairs that disagree more with the array have less weight
 ITERATIONS = 30  # number of iterations of majorisation in a round
-MAX_RADIUS = 2.5  # a microphone whose distance from the middle, over the median, exceeds this is moved to the middle
+MAX_RADIUS = 2.5  # a microphone at more than this times the median distance from the middle is moved to the middle
 
 
 def coherence_start(

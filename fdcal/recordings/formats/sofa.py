@@ -138,7 +138,7 @@ def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
 
 
 def frequencies_of(file, count: int) -> tuple[float, int]:
-    """Return the spacing, Hz, of the frequencies of transfer functions, and the first frequency over the spacing."""
+    """Return the spacing, Hz, of the frequencies of transfer functions, and the first frequency divided by it."""
     f = values_of(file, "N").ravel() * _kilo(file, "N")
     step = (f[-1] - f[0]) / max(len(f) - 1, 1)
     if len(f) != count or len(f) < 2 or not 0 < step <= 1e7 or f[0] < 0 or f[-1] > MAX_DELAY * step:

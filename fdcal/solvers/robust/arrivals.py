@@ -87,7 +87,7 @@ class Arrivals:
     ) -> ArrivalTerms:
         """Return the term at positions (N, D) and delays (N,), metres, with derivatives if wanted.
 
-        log_speed : logarithm of the sound speed over that of the measurement
+        log_speed : logarithm of the ratio of the sound speed to that of the measurement
         """
         (N, D), T = positions.shape, len(self.paths)
         z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, self.dimension - D)))
@@ -333,7 +333,7 @@ def near_positions(
 
 
 OUTLIER = 4.0  # robust standard deviations beyond which a residual does not count in sigma
-MIN_SIGMA = 0.2  # smallest estimate of sigma, over the stated sigma
+MIN_SIGMA = 0.2  # smallest estimate of sigma, divided by the stated sigma
 MAX_CHANGE = 4.0  # largest factor by which one update changes sigma
 
 

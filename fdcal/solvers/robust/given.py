@@ -114,8 +114,8 @@ def _released(problem: Problem, state: State) -> State:
     return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
-# To save time, the given positions are not examined further if errors within their sigmas cause a disagreement that is
-# at least as large with a probability above this.
+# To save time, the given positions are not examined further if the probability that chance causes a disagreement at
+# least as large as theirs is above this.
 AGREE = 0.2
 
 

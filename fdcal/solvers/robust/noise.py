@@ -286,7 +286,7 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
 
 
-# The imaginary part of k is used if (Im k R)^2 over the noise fraction exceeds this, where R is the RMS radius of the
+# The imaginary part of k is used if (Im k R)^2 exceeds this times the noise fraction, where R is the RMS radius of the
 # array. If it were always used, the errors of 2 of 75 arrays would grow: from 1.0 to 1.1 mm, and from 45 to 80 mm for a
 # circle without given positions.
 DAMPED = 0.1
@@ -315,9 +315,9 @@ def with_last_field(problem: Problem, state: State) -> State:
     return replace(state, model=replace(state.model, damped=is_damped(problem, state), directional=True))
 
 
-# For fields of 2 and of 3 dimensions: the number of observations as which the power by direction of a whole take counts
-# when the power by direction of one of its rows is estimated. It is lower in two dimensions, because the modes of a
-# plate differ more than the frequencies of a room. If all rows of a take had the same power by direction, the errors of
+# Weight of the power by direction of a take when that of one of its rows is estimated, as a number of observations, for
+# fields of 2 and of 3 dimensions. It is lower in two dimensions, because the modes of a plate differ more than the
+# frequencies of a room. If all rows of a take had the same power by direction, the errors of
 # 9 of 27 arrays would be 4 to 160 % larger; if all takes had the same one, a measured array of 70 microphones would not
 # be found.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}

@@ -65,7 +65,7 @@ class Unknowns:
 
     positions: Reals  # (N, D) float64, metres
     channels: Reals  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
-    log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
+    log_speed: float = 0.0  # logarithm of the ratio of the sound speed to that of the measurement
     gains: bool = True  # whether the channels are among the unknowns
     filters: bool = False  # whether delays and corners of all channels are free; otherwise only those that are not 0
 

@@ -52,7 +52,7 @@ class Claim:
     weakened: Evaluation  # the objective at the same unknowns, with a more powerful field
     likely: Quadratic  # quadratic of the weakened objective
     spread: PositionSpread
-    excess: float  # claimed variance over that of the likelihood, at least 1
+    excess: float  # ratio of the claimed variance to that of the likelihood, at least 1
 
 
 def claim_of(problem: Problem, state: State) -> Claim:

@@ -34,8 +34,8 @@ SUSPICIOUS = 4.0  # relative noise tau above which a channel is examined
 # iterations of the power by direction before the first step and after every step; with 1 the errors grow by 2 %
 DIRECTION_UPDATES = 2
 
-# Smallest noise power over the power of the pressures. An undamped isotropic field leaves about 1e-6 of the power in
-# any room unexplained. Below 1e-8 the covariance of a measurement without noise would depend on the frame.
+# Smallest ratio of the noise power to the power of the pressures. An undamped isotropic field leaves about 1e-6 of the
+# power in any room unexplained. Below 1e-8 the covariance of a measurement without noise would depend on the frame.
 MIN_NOISE_FRACTION = {"isotropic": 1e-6, "others": 1e-8}
 
 STAGE_DAMPING = 1e-6  # damping of the first step of a stage
@@ -67,8 +67,8 @@ class Model:
 
     power: Reals  # (M,) float64, power of the field; the pressures of every mode have a mean power of 1
     noise: Reals  # (M,) float64, noise power of a healthy channel, in the same unit
-    channel_noise: Reals  # (N,) float64, tau, noise power of each channel over that of a healthy one
-    noise_fraction: float  # noise power over the mean power of the pressures
+    channel_noise: Reals  # (N,) float64, tau, noise power of each channel relative to a healthy one
+    noise_fraction: float  # noise power divided by the mean power of the pressures
     spread: float  # metres, RMS position error that, together with the noise, explains the residual
     gain_sigma: float  # nepers, prior sigma of the log gains
     phase_sigma: float  # radians, prior sigma of the phases
@@ -79,10 +79,11 @@ class Model:
     contradicted: Bools  # (A,) bool, given positions that are ignored because the pressures contradict them
     # (N, 2) float64, delay times the sound speed, metres, and high-pass corner times 2 pi / c, rad/m, of each channel
     filters: Reals
-    log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
+    log_speed: float = 0.0  # logarithm of the ratio of the sound speed to that of the measurement
     # (M, Q) float64, power of the field by direction, mean 1; None until it is learned
     directions: Reals | None = None
-    # (T,) float64, metres, standard deviation of the arrival times of each take times c; None until arrivals are used
+    # (T,) float64, metres, c times the standard deviation of the arrival times of each take; None until arrivals are
+    # used
     arrival_sigma: np.ndarray | None = None
     # prior sigma of the delays, metres, and of the corners, rad/m, of all channels; 0 if only faulty channels have them
     delay_sigma: float = 0.0

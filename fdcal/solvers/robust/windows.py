@@ -40,29 +40,30 @@ MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
 # 30 ms are too short, has an error of 49 mm with this term and of 8 mm without it. Arrays of 1.6 m have errors of 5 to
 # 30 mm with it and of 15 to 118 mm without it.
 MAX_DIAMETER = 0.2
-# covariance of the result over that of the fit. The spectrum has few parameters, and its misfit is the same in all
-# windows, so that more windows do not reduce its effect. Without this factor the median error of simulated and measured
-# arrays is 2.2 times the claimed sigma.
+# Ratio of the covariance of the result to that of the fit. The spectrum has few parameters, and its misfit is the same
+# in all windows, so that more windows do not reduce its effect. Without this factor the median error of simulated and
+# measured arrays is 2.2 times the claimed sigma.
 COVARIANCE_INFLATION = 4.0
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
-MAX_STEP = 0.25  # longest move of a microphone in a step, over the shortest wavelength
+MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
 # nats; an earlier stage, and the last one, ends when a step lowers the cost by less. With 0.2 instead of 0.05 one
 # circle of 8 microphones is not recognised as flat, and its error grows from 5 to 10 mm.
 DECREASE, LAST_DECREASE = 10.0, 0.05
-# smallest decrease of the cost, nats over the dispersion, for which one more wave is kept. Only every second frequency
-# is used for this, to save time. For a ball of 32 microphones in a dry room, the ninth wave decreases the cost by 100,
-# and the error falls; for a circle of 8, the second wave decreases it by 30, and the error does not change
+# Smallest decrease of the cost, nats divided by the dispersion, for which one more wave is kept. Only every second
+# frequency is used for this, to save time. For a ball of 32 microphones in a dry room, the ninth wave decreases the
+# cost by 100, and the error falls; for a circle of 8, the second wave decreases it by 30, and the error does not
+# change.
 WAVE_NATS = 50.0
 MAX_WAVES = 10  # largest number of waves of a take
 ROUNDS = 2  # number of iterations in which the dispersion lambda is found
-# nats over the dispersion: the largest difference of the costs of two arrays that the misfit of the model can cause. If
-# a level circle is assumed to be upright, the cost can be lower by up to 43. Moving one microphone of a ball of 32 to
-# its mirror image raises the cost by 35 to 70 if the source is near the middle of the room, and by 210 or more in other
-# balls
+# Largest difference of the costs of two arrays that the misfit of the model can cause, nats divided by the dispersion.
+# If a level circle is assumed to be upright, the cost can be lower by up to 43. If one microphone of a ball of 32 is
+# moved to its mirror image, the cost rises by 35 to 70 if the source is near the middle of the room, and by 210 or more
+# otherwise.
 MISFIT_NATS = 75.0
 LOW_BAND = 16.0  # rad/m, largest wavenumber of the search for other places of a microphone
 APART = np.pi / 2  # least distance of two places of a microphone, times LOW_BAND: a quarter of a wavelength
@@ -135,8 +136,8 @@ def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
 def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
     """Return the term of the windows of a problem; None if they do not determine the array.
 
-    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, and 0 for the
-    others, because the fit estimates small phases and levels itself; counted : (N,) bool, channels in use
+    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, that of an inverted channel and 0
+    for the others, because the fit itself estimates small phases and gains; counted : (N,) bool, channels in use
     """
     assert problem.windows is not None  # `usable`
     N, D = positions.shape
@@ -330,13 +331,13 @@ def _minimised(
 LOWEST_GROUPS = 5  # number of frequencies at which the coherence is examined
 MIN_COHERENCE = 0.2  # least squared coherence with some other microphone; a dead channel has 1 / windows
 FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
-HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, over its RMS radius
+HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, divided by its RMS radius
 
 
 def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     """Return whether the windows show an array that is flat within their accuracy.
 
-    h are the heights over the plane of least squares and C is their covariance, both without motions of the plane. The
+    h are the heights above the plane of least squares and C is their covariance, both without motions of the plane. The
     log evidence for a flat array, relative to one whose heights have the sigma s, is
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
