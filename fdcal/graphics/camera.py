@@ -15,7 +15,7 @@ VIEWS = get_args(View)
 MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view over that of the room, or of the domain with its rulers
 OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
-REFINEMENTS = 6  # iterations for the 3-D view: in perspective the size in the image is nonlinear in the distance
+REFINEMENTS = 6  # iterations for the 3-D view, in which the size in the image is nonlinear in the distance
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Camera:
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
     up: tuple[float, float, float]  # (3,)
-    fov: float  # vertical field of view, radians; 0 for parallel projection, which a small one from far away resembles
+    fov: float  # vertical field of view, radians; 0 for parallel projection
     height: float  # height of the visible part of the scene at `look_at`, metres
 
 

@@ -128,7 +128,7 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
         True positions to draw as well, metres, in the axes of the result. Without known microphones they are aligned
         with the result by a rigid motion, which may include a mirror image.
     label : str
-        What the legend calls them, such as "nominal".
+        Name of these positions in the legend, such as "nominal".
 
     Returns
     -------

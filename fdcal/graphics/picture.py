@@ -350,7 +350,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the least factor that makes most error ellipses visible beside `extent`, metres.
+    """Return 1, 2, 5, 10, ...: the least factor that makes half of the ellipses visible beside `extent`, metres.
 
     `axes` (N, D, D), metres, half axes in rows, the longest last.
     """

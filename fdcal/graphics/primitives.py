@@ -66,9 +66,9 @@ class ColourBar:
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
-        """Fraction of the bar's length, 0 to 1, and text of about five round values, without texts that touch.
+        """Fraction of the bar's length, 0 to 1, and text of each of about five round values; no texts touch.
 
-        Whole numbers up to a million are written in full, larger numbers and small fractions like "2·10⁷".
+        Whole numbers up to a million are written in full; larger numbers and small fractions have the form "2·10⁷".
         """
         kept: list[tuple[float, str]] = []
         for value in round_ticks(self.low, self.high, 5).tolist():

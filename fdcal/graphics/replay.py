@@ -66,7 +66,7 @@ LEVELS = 32767  # integer for the largest real or imaginary part of a mode; roun
 
 
 def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:
-    """Return data and arrays for the maps of a problem; None without a search domain or a carried mode.
+    """Return data and arrays for the maps of a problem; None without a search domain or without carried modes.
 
     "pressures" (M, N, 2) int16 are multiplied by "mode_scale" (M,) and "channel_scale" (N,). "descent" has the settings
     for steps of descent in the browser, or is None if descent cannot solve the problem.
@@ -115,7 +115,7 @@ def _parts(values: np.ndarray) -> np.ndarray:
     return np.stack([np.real(values), np.imag(values)], axis=-1)
 
 
-MAX_BYTES = 4_500_000  # largest size of a file; of a longer run fewer states are kept, evenly spaced
+MAX_BYTES = 4_500_000  # largest size of a file; a longer run keeps fewer states, evenly spaced
 STATE_NUMBERS = tuple("step sweep stage restart moved first last".split())  # attributes of a state
 MAX_COSTS = 400  # number of states, evenly spaced, whose cost is computed
 BASE_BYTES, NAME_BYTES = 100_000, 60  # size of the page without data, and of the data of one microphone

@@ -2,7 +2,7 @@
 
 The legend has exactly the marks that are drawn. Page and PNG use the same entries in the same order.
 
-A child process draws, so that a crash of the GL library does not end the caller and VTK does not use its memory. Only
+A child process draws, so that a crash of the GL library does not end the caller, and VTK's memory is released. Only
 the main thread of the child uses GL.
 """
 
@@ -142,7 +142,7 @@ def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, floa
 
 
 def _legend_rows(picture: Picture, size: tuple[int, int]) -> list[list[tuple[Mark, float]]]:
-    """Return the rows of a legend that fits into an image: each entry, and its distance to the next one, pixels."""
+    """Return the rows of a legend that fits into an image: entries, each with the distance to the next one, pixels."""
     scale = text_scale(size)
     letters, rows, used = font(16 * scale), list[list[tuple[Mark, float]]](), 0.0
     for entry in legend_of(picture):

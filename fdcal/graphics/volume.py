@@ -38,7 +38,7 @@ def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.nda
     nothing = np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3))
     if level > values.max():
         return nothing
-    # VTK takes a third of a second to load, so only a page with isosurfaces does
+    # VTK takes a third of a second to load, so only a page with isosurfaces loads it
     import vtkmodules.util.numpy_support as arrays
     import vtkmodules.vtkCommonDataModel as vtk_data
     import vtkmodules.vtkFiltersCore as vtk_core

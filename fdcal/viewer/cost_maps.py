@@ -55,7 +55,7 @@ class CostMapRequest:
     revision: int  # number of the state on the screen, because a comparison of states would be slow
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # counted from 1
-    order_offset: int | None  # that of a map of Eq. 7; None for a map of what the solver minimises
+    order_offset: int | None  # added to ceil(k R) in a map of Eq. 7; None for a map of what the solver minimises
     custom_modes: bool  # whether the user has chosen the modes; otherwise they are those that the solver uses
     style: MapStyle
     follow: bool = field(compare=False)  # whether a map of another microphone may be shown instead
@@ -109,7 +109,7 @@ def map_modes(
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
-    `state`: state of the solver; `chosen`: modes that the user has chosen. If it is None, a map shows the modes that
+    `state`: state of the solver; `chosen`: modes that the user has chosen. Without them a map shows the modes that
     the solver uses; a map of Eq. 7 shows those of them that the microphones can carry, if there are any:
     modes whose expansion has fewer functions than there are microphones (`fdcal.cost.eq7`).
     `order_offset`: that of a map of Eq. 7; None for a map of what the solver minimises.
@@ -134,7 +134,7 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
 def fine_maps(
     run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, kept: Collection[int] = ()
 ) -> tuple[list[Reals], Reals, Search] | None:
-    """Return maps of single modes, their sum, and their lattice, as fine as the screen; None once cancelled.
+    """Return maps of single modes, the sum of all, and their lattice, as fine as the screen; None once cancelled.
 
     `cancelled`: returns whether the maps are no longer wanted; `kept`: indices of those modes of the request whose
     single maps are returned. InputError if there is no search domain, or if a mode cannot be shown at the order of the
@@ -187,7 +187,7 @@ def cost_map(run: PreparedRun, request: CostMapRequest, total: Reals, search: Se
     """
     style, n = request.style, request.microphone
     here = maps.interpolate(total, search, request.state.positions[n])
-    lowest = min(here, float(total.min()))  # it may lie between lattice points
+    lowest = min(here, float(total.min()))  # the estimate may lie between lattice points
     shown = above_lowest(run, request, total, lowest)
     base, highest = (None, 1.0) if shown is total else (lowest, float(shown.max()))
     place = maps.map_positions([np.unravel_index(total.argmin(), total.shape)], search)[0]
@@ -221,7 +221,7 @@ IDLE_TIME = 0.35  # s without a change before a finer map is requested
 
 
 class CostMapWorker:
-    """Requests maps and returns the newest that fits; threads call only `_compute` and `_compute_fine`."""
+    """Requests maps, and returns the newest one that may be shown; threads call only `_compute` and `_compute_fine`."""
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0

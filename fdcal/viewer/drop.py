@@ -307,7 +307,7 @@ class MicrophonePicker:
             self.forget(event.client_id)
 
     def forget(self, client_id: int) -> None:
-        """Release the microphone that a page drags, at its last place: the pointer was released or the page closed."""
+        """Release the microphone that a page drags, when the pointer is released or the page is closed."""
         gesture, last = self._gesture.pop(client_id, None), self._last.pop(client_id, None)
         if gesture is not None and last is not None:
             move, index, place = last

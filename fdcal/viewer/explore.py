@@ -43,7 +43,7 @@ from .tabs.view import KINDS
 
 MAX_BYTES = 500_000_000  # largest size of all files that a page accepts
 MAX_FILES, MAX_NAME = 1000, 100  # largest number of files of one request, and of characters of a name
-NO_ROOM = f"a page takes {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files at most: use fdcal view FILE"
+NO_ROOM = f"the page accepts at most {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files: use fdcal view FILE"
 RECORDING, LIST = "recording", "positions"  # purpose of a file: name of its field in the form
 SOURCES = "auto", "impulse", "stationary"
 FORM = Path(__file__).with_name("own_files.html")
@@ -51,7 +51,7 @@ FORM = Path(__file__).with_name("own_files.html")
 
 @dataclass
 class Delivered:
-    """The files of one browser, with their purposes; `uploaded` shows it how many bytes have arrived."""
+    """The files of one browser, with their purposes; `uploaded` shows the browser how many bytes have arrived."""
 
     folder: Path
     uploaded: viser.GuiHtmlHandle
@@ -111,7 +111,7 @@ class OwnFiles:
         delivered, size = self._delivered.get(client), len(message.content)
         if delivered is None or delivered.open is None:
             return
-        if self._bytes + size > MAX_BYTES:  # more than the size in its first message
+        if self._bytes + size > MAX_BYTES:  # a browser may send more than it has announced
             self._refuse(client, delivered)
             return
         delivered.open.write(message.content)
@@ -288,7 +288,7 @@ class Explore:
             n = state.next_microphone(viewer.run.problem)
             one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
             step = one or "Move all microphones by one step"
-        # a map may not have all frequencies that the solver uses
+        # a map can lack some frequencies that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1

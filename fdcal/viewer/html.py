@@ -133,7 +133,7 @@ GREY, PENDING = "#808894", "Assessing the result ..."
 
 
 def verdict_html(found: Assessment | None, pending: bool = False) -> str:
-    """Return the verdict with its text and the leave-one-out error; "" without a verdict that is found or `pending`.
+    """Return the verdict with its text and the leave-one-out error; "" if there is none and none is `pending`.
 
     The height is always the same, so that buttons do not move: a long text is scrolled.
     """
@@ -154,7 +154,7 @@ def drawings_html(marks: dict[str, str]) -> str:
     return f"<div class='fdcal-marks' style='{CARD}'>{''.join(spans)}</div>"
 
 
-# Words of the layout Explore for words of the layout Expert.
+# Words of the layout Expert, and those that replace them in the layout Explore.
 EXPLORE = {
     "cost, Eq. 7": "misfit", "Eq. 7, for comparison": "misfit, for comparison",
     "negative log-likelihood above its lowest": "misfit", "negative log-likelihood": "misfit",
@@ -214,13 +214,13 @@ class Overlay:
         self._regions = {name: gui.add_html(content(name), visible=False) for name in REGIONS}
         self.acts: dict[str, Act] = {}
         self.otherwise: Callable[[viser.ClientHandle, str, str], object] = lambda client, name, value: None
-        self.start = secrets.token_hex(8)  # names this start; a browser with the name of another drops its address
+        self.start = secrets.token_hex(8)  # name of this start; a browser drops an address from another start
         self.channel = gui.add_text(CHANNEL, "", visible=False)
         self.channel.on_update(of_browsers(lambda event: self.receive(event.client, event.target.value)))
 
     def show(self, region: str, html: str) -> None:
         """Fill a region; any thread. All texts in `html` are escaped already."""
-        self._regions[region].content = content(region, html)  # viser sends only what differs
+        self._regions[region].content = content(region, html)  # viser sends it only if it differs
 
     def receive(self, client: viser.ClientHandle, text: str) -> None:
         """Carry out what a browser has sent: a stamp, a name and a value; `otherwise` gets unknown commands."""

@@ -87,7 +87,7 @@ class Page:
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
-            # viser drops messages that a browser sends before its camera; from now on its commands arrive.
+            # viser drops what a browser sends before its camera. The greeting says that commands arrive from now on.
             client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
             client.camera.on_update(of_browsers(lambda camera: nodes.cameras.request(client)))
 
@@ -134,7 +134,7 @@ class Page:
 
     @property
     def changed(self) -> bool:
-        """Whether the screen may be outdated, or shows something that moves."""
+        """Whether the screen may be outdated, or something on it moves."""
         woken = self.wake.is_set()
         if woken:  # an unconditional `clear` could lose a wake-up that arrives in between
             self.wake.clear()

@@ -324,7 +324,7 @@ class SolverTab(Tab):
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, **more))
 
     def use_modes(self, first: int, last: int, automatic: bool | None = None) -> None:
-        """Set the modes in use and whether the solver adds more; None for the value of the box."""
+        """Set the modes in use and whether the solver adds more; `automatic` None: as the check box says."""
         automatic = bool(self.automatic.value) if automatic is None else automatic
         self._binding.session.use_modes(min(first, last), last, automatic)
 

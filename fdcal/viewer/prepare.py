@@ -45,7 +45,7 @@ class PreparedRun:
     measurement: Measurement  # for the picture and the errors
     problem: Problem  # for the solver
     solver: Solver
-    session: Session  # its states have the settings of `scene` with a number of modes
+    session: Session  # the settings in its states are those of `scene`, with the number of modes
     opening: OpenRequest  # the request for which the run was prepared
     reference_cost: ReferenceCost | None = None  # None if it cannot be computed
 
@@ -228,7 +228,7 @@ class Preparation:
             session.play()
         search, truth = measurement.search, measurement.positions
         if search is not None and truth is not None and measurement.blind:
-            # Only maps need this domain; the solver finds an array without known microphones without it.
+            # Only maps need this domain: the solver needs none for an array without known microphones.
             search = search_around(session.view.history[0].positions, search, truth)
             measurement, problem = replace(measurement, search=search), replace(problem, search=search)
         return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost)

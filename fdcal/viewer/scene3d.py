@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import trimesh
 
 TOLERANCE = 1e-3  # relative difference up to which camera positions count as equal
-AIM_TOLERANCE = 4e-6  # how far beside its target a page's camera may aim, over its distance
+AIM_TOLERANCE = 4e-6  # largest distance of a target from the point at which a camera aims, over that of the camera
 DEPTH_RANGE = 40.0  # objects are drawn at distances from 1 / 40 of the target's distance to 40 times it
 MAX_PIXELS = 16384  # largest width or height of a canvas
 
@@ -120,7 +120,7 @@ class Cameras:
         self.requests.append((client, view))
 
     def request_all(self, view: str | Mapping[int, str | Camera]) -> None:
-        """`request` a view for every page, or for each page its own view of `kept_views`."""
+        """`request` one view for every page or, from the result of `kept_views`, each page's own view."""
         for number, client in self._server.get_clients().items():
             if isinstance(view, str) or number in view:
                 self.request(client, view if isinstance(view, str) else view[number])
@@ -207,7 +207,7 @@ class Cameras:
         """Place the camera again if the size of the canvas has changed and the user has not moved the camera.
 
         A camera at one of its earlier positions was not moved by the user: either the report is old, or the page has
-        received its initial position late and has returned to it. Before that, a page reports viser's initial position.
+        received its initial position late and has returned to it. At first, a page reports viser's initial position.
 
         `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
@@ -232,7 +232,7 @@ class Cameras:
                 self.follow(client, CHECKS.index(page.checks) if page.checks in CHECKS else None)
 
     def set_initial(self, picture: Picture) -> None:
-        """Set the camera that a new page has until the size of its canvas is known, to `view` of a picture."""
+        """Set the camera of new pages to `view` of a picture, until the sizes of their canvases are known."""
         fov = TOP_FOV if self.view == "top" else None
         first = self._server.initial_camera
         wanted = camera_for(picture, USUAL_CANVAS, self.view, MARGINS, fov=fov)
@@ -354,8 +354,8 @@ class SceneNodes:
     def remove_old(self, now: float | None = None) -> None:
         """Remove old surfaces that nothing replaces, and the others some time after new ones have replaced them.
 
-        A page needs a moment to read a new surface, and would show none in this time. The main loop calls this at the
-        time `now`, s.
+        Otherwise a page would show no surface while it reads the new one. The main loop calls this at the time `now`,
+        s.
         """
         kept = []
         for name, since, handle in self._replaced:

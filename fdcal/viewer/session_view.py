@@ -217,7 +217,7 @@ class Viewer:
 
     @property
     def changing(self) -> bool:
-        """Whether the screen does not show the newest state, or the state will change without a user."""
+        """Whether the screen is outdated, or will change without an action of a user."""
         view = self.run.session.view
         outdated = view is not self.view or view.costs.count != self._costs  # costs are added while the solver rests
         return outdated or view.running or self.tabs.sweep.playing is not None

@@ -35,7 +35,7 @@ from .prepare import DisplayFrame, PreparedRun
 PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "close", "Room": "3d"}  # label to view of a camera
 
-# Choices that another scene keeps.
+# Choices that stay when another scene is opened.
 KEPT = "log minima trails ellipses lecture export_kind export_view export_size rate themed dark".split()
 
 
@@ -151,7 +151,7 @@ class PageState:
 
     @property
     def counted(self) -> np.ndarray:
-        """Numbers of the microphones whose errors are averaged; without known ones, they align the array, too."""
+        """Numbers of the microphones whose errors are averaged; these also align an array without known ones."""
         return self.run.sought if self.sought is None else self.sought
 
 
@@ -225,7 +225,7 @@ class Binding:
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.threads = Scheduler(wake)
         self.sent: dict[int, object] = {}
-        self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, and what it is
+        self._followers: list[tuple[Any, str, Callable[[Choices], Any]]] = []  # control, property, function of choices
         self.folders: list[viser.GuiFolderHandle] = []  # the folders that hold the controls
         self._removed = False
         self.commands: dict[str, tuple[Any, Callable[[Any, Any], None]]] = {}
@@ -257,7 +257,7 @@ class Binding:
         return handle
 
     def carry_out(self, client: Any, command: str, text: str = "") -> None:
-        """Do what the control of a command does if it gets the value in `text`; a checkbox is toggled.
+        """Act as if a user had set the control of a command to the value in `text`; a checkbox is toggled.
 
         "+1" and "-1" stand for the next and the previous value; an unknown command does nothing. InputError if the
         control cannot have that value.

@@ -1,9 +1,9 @@
 // A lesson: the text, question and explanation of each step beside the scene, and the settings of its parts. A part has
 // only settings that differ from those of earlier parts; `range`: the states that it shows, which play if there are several.
 const lesson = data.lesson, SECONDS = 6;  // about as long as a run plays
-let stepAt = 0, answer = -1;  // of the lesson, from 0; the answer chosen, -1 before one is
+let stepAt = 0, answer = -1;  // numbers of the step and of the chosen answer, from 0; -1 before an answer is chosen
 let veiled = false;  // whether the explanation waits for the end of the run
-let part = {}, ellipsed = false;  // of the lesson; whether error ellipses are drawn
+let part = {}, ellipsed = false;  // the present part; whether error ellipses are drawn
 function unveil() { if (veiled && at >= range[1]) caption(); }
 
 function enterStep(number, choice = -1) {

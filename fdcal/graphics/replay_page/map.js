@@ -186,5 +186,5 @@ function mapControls() {
   $("follow").onchange = e => { chosen = e.target.checked ? null : [first[at], last[at]]; show(); };
   $("map").onchange = show;
 }
-// For tests, and for curious people with the console open.
+// For tests, and for use in the console of a browser.
 window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, fineLandscapes, finished, placeOf, hidden, data, arrays, descentStep, downhill, level, get own() { return own; }, drawn: n => drawnAt[n]};

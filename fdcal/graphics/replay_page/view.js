@@ -298,7 +298,7 @@ function theme(dark) {
 }
 
 const pointers = new Map();
-let dragged = 0, pinch = 0, taken = -1;  // pixels; fingers apart; the microphone below the pointer
+let dragged = 0, pinch = 0, taken = -1;  // pixels dragged and between two fingers; the microphone that is dragged
 const view = $("view");
 view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; 
   if (pointers.size > 1 && taken >= 0 && own) release(taken);  // a second finger

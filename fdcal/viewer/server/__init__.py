@@ -2,7 +2,7 @@
 
 May import: the packages below viewer.
 
-hardening      a server that only its own page can use, with a bounded rate for each client; defects of viser mended
+hardening      a server that only its own page can use, with a bounded rate for each client; workarounds for viser
 client_values  checks of messages and of the values in them
 process        the error log, and the memory of the process
 """

@@ -137,7 +137,7 @@ function show(uuid, content) {
   }
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
   if (name == "invitation" && !html) root.removeAttribute("data-invited");  // a user who has begun needs no further invitation
-  if (!region || name == "bar" && !html) return;  // the server has only begun to load
+  if (!region || name == "bar" && !html) return;  // the bar is empty while the server is loading
   made.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
   morph(region, made.content);

@@ -1,7 +1,7 @@
 """The process that serves the page: the log of errors, and its memory.
 
-Events on the event loop are written only to the log file. The terminal may be a pipe that nobody reads, and an event
-loop that waits for a reader serves no page.
+Errors on viser's event loop are written only to the log file. The terminal may be a pipe that nobody reads, and an
+event loop that waits for a reader serves no page.
 
 Memory: 60 changes of the scene increase the memory by 363 MB, but only by 7 MB with `share_one_heap` and
 `release_memory` (`python -m benchmarks switches`). glibc gives every thread its own heap and returns little of it to

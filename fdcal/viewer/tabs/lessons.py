@@ -306,7 +306,7 @@ class LessonsTab:
             self.open(self._next_lesson, 1)
 
     def go(self, count: int) -> None:
-        """Go on by `count` steps, or set up the present step again for 0, unless the lesson has no such step."""
+        """Go on by `count` steps, unless the lesson has no such step; 0 sets up the present step again."""
         progress = self.progress.moved(count)
         if progress is not None:
             self.progress = progress
@@ -341,7 +341,7 @@ class LessonsTab:
             self._begin(settings, *start, fresh)
 
     def _begin(self, settings: list[LessonSetting], scene: Scene, seed: int, fresh: bool = False) -> None:
-        """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
+        """Apply the last of `settings`, or all of them if another scene has to be opened first."""
         viewer, setting = self._page.viewer, settings[-1]
         first = fresh or (self.progress.number == 0 and len(settings) == 1)
         place_all = self._page.nodes.cameras.request_all

@@ -180,7 +180,7 @@ class Playback:
 
 
 def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
-    """Return the number of `modes` (ascending) if they are the first of a sequence, otherwise 0."""
+    """Return how many `modes` (ascending) there are if they are the first of a sequence, otherwise 0."""
     return len(modes) if tuple(sorted(sequence[: len(modes)])) == modes else 0
 
 
@@ -271,7 +271,7 @@ class SweepTab(Tab):
 
     @property
     def alone(self) -> bool:
-        """Whether the map shows a single mode; for the first mode, which is also a sum, the last answer is kept."""
+        """Whether the map shows a single mode; the first mode is also a sum, so that the last value is kept."""
         modes = self._binding.choices.modes
         if modes != self._sequence()[:1]:
             self._alone = modes is not None and len(modes) == 1
@@ -292,7 +292,7 @@ class SweepTab(Tab):
             self.toggle()
 
     def _sequence(self) -> tuple[int, ...]:
-        """Return the modes that a map can have, in the order in which they are added."""
+        """Return the modes that a map can show, in the order in which they are added."""
         run, choices, highest = self._binding.run, self._binding.choices, self.highest.value
         usable = carried_modes(run, choices.map_order, self._binding.modes) or (1,)
         kept = usable[: max(int(np.searchsorted(usable, highest, "right")), 1)]
