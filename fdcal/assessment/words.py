@@ -329,7 +329,8 @@ def comparison_sentences(
     untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
     near = 1 / MAX_SCALE < check.scale < MAX_SCALE
     if check.fits:
-        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)  # size: see below
+        # If `check.scale` is not 1, the size is described at the end, and not among the faults.
+        rows = None if fit is None else replace(fit, sized=fit.sized and check.scale == 1)
         moved = np.count_nonzero(check.order != np.arange(len(names)))
         lines = list_faults(check, rows, names)
         if moved > MAX_LISTED * len(names):

@@ -248,7 +248,7 @@ def calibrate(
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
-        from ..session.doctor import list_fit  # loads the readers of recordings
+        from ..session.doctor import list_fit  # imported here: it loads the readers of recordings
 
         with opt.progress_bar("comparing") as progress:
             fit = list_fit(inputs, result, compared, progress) if compared.fits else None  # else no row is judged

@@ -208,11 +208,7 @@ def _not_carried(problem: Problem, mode: int, order_offset: int) -> str:
     """Return a sentence that says why the microphones cannot carry the mode with number `mode`, counted from 1."""
     R = search_domain(problem).radius
     L = int(max_order(problem.wavenumbers[mode - 1], R, order_offset))
-    formulas = {
-        (2, 2): "2L + 1",
-        (3, 3): "(L + 1)^2",
-        (3, 2): "(L + 1)(L + 2) / 2",
-    }  # by field and array dimension
+    formulas = {(2, 2): "2L + 1", (3, 3): "(L + 1)^2", (3, 2): "(L + 1)(L + 2) / 2"}  # by field and array dimension
     return (
         f"frequency {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order L = ceil(k R) +"
         f" solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is"

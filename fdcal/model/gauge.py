@@ -22,7 +22,7 @@ from .validation import InputError, Integers, Reals, frozen_array, require_choic
 
 FRAMES = ("known", "minimal", "axes")
 COLLINEAR = 1e-6  # microphones lie in a line or plane if their distance from it is below this times the array's extent
-INDEPENDENT = 0.1  # a coordinate axis completes the axes found so far if its component perpendicular to them is longer
+INDEPENDENT = 0.1  # a coordinate axis is added to the axes found so far if its part perpendicular to them exceeds this
 FLAT = 1e-3  # an array lies on a line or in a plane if its smallest extent is below this times the largest one
 MIN_KNOWN = {  # what fixes the gauge, by the number of coordinates
     2: "three known microphones that are not on one line",

@@ -228,7 +228,7 @@ def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") 
         raise
     except MemoryError:
         raise InputError(f"{where} does not fit into memory", "give WAV, W64, FLAC or HDF5") from None
-    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+    except Exception as error:  # a damaged archive can raise any exception of zipfile, zlib or NumPy
         if isinstance(error, OSError) and error.strerror:
             raise StorageError(f"cannot read {where}: {error.strerror}") from error
         problem, remedy = f"{where} is not a readable .npz file ({type(error).__name__})", "write it with numpy.savez"

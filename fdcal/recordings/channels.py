@@ -188,7 +188,7 @@ TAKES = TakeRules()
 
 
 def require_different_takes(takes: Sequence[Recording], health: Sequence[ChannelHealth]) -> None:
-    """Raise InputError if two takes are copies, or if the channels of one are rotated against the first take."""
+    """Raise InputError if two takes are copies, or if one has the channels of the first take in a rotated order."""
     first, silent, own = takes[0], health[0].silent, np.arange(takes[0].count)
     coherences = [_coherence(one) for one in takes]
     for take, state, coherence in zip(takes[1:], health[1:], coherences[1:], strict=True):
@@ -255,7 +255,7 @@ def _coherence(recording: Recording) -> np.ndarray:
     return np.mean(np.abs(total) ** 2 / product, axis=0)
 
 
-PLANE_TOLERANCE = 1e-3  # m; microphones whose heights differ by no more lie in one plane
+PLANE_TOLERANCE = 1e-3  # m; microphones whose heights differ by no more than this lie in one plane
 
 
 def select_subset(recording: Recording, text: str) -> Recording:

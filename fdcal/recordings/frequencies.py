@@ -139,8 +139,8 @@ def frequency_limit(
 ) -> FrequencyLimit:
     """Return the highest frequency that the array can interpolate (Eq. 9).
 
-    The radius is given, or that of the positions in the file or of the known microphones, or it is estimated from the
-    coherence of the channels.
+    The radius is the given one, or that of the positions in the file or of the known microphones, or an estimate from
+    the coherence of the channels.
     """
     complete, estimated = recording.positions is not None, False
     radius, words = options.array_radius or 0.0, f"{options.array_radius or 0:.2g} m, as given"

@@ -94,8 +94,8 @@ def extend_to_last_mode(recording: Recording, band: Band, decay: Decay, noise: N
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
         c *= DECAY.extension
     if c > decay.tail:
-        # A mode that can no longer be distinguished from noise may still be as strong as the noise: the tail begins
-        # later.
+        # A mode that can no longer be distinguished from noise may still be as strong as the noise. The tail therefore
+        # begins later.
         c = min(DECAY.extension**2 * c, max(last, decay.tail))
     return replace(decay, tail=c)
 
@@ -333,13 +333,14 @@ class DeconvolutionSettings:
     # lead, length: time before the sound in a response, and length of the whole response, seconds
     lead: float = 0.25
     length: float = 2.25
-    max_samples: int = 16_000_000  # of one channel, 5 min at 48 kHz; longer recordings are cut
+    max_samples: int = 16_000_000  # largest number of samples of a channel, 5 min at 48 kHz; the rest is not used
     regularisation: float = 1e-3  # relative to the greatest power of the reference
-    # widening, max_widening: factor by which the band is widened at both ends, and limit of it at the upper end, Hz,
-    # where a sweep may end
+    # widening, max_widening: factor by which the band is widened at both ends, and the largest widening, Hz, of its
+    # upper end, above which a sweep may have no power
     widening: float = 1.5
     max_widening: float = 50.0
-    min_outside: float = 0.25  # fraction of the recording that must lie outside of the response to estimate the noise
+    # least fraction of the recording outside the response from which the noise is estimated
+    min_outside: float = 0.25
     smoothing: int = 31  # neighbouring frequencies over which the noise is averaged
 
 

@@ -84,7 +84,7 @@ class ChannelDelays:
         return [name for name, unknown in zip(names, few, strict=True) if unknown and name not in faults]
 
     def _change(self, row: np.ndarray) -> ClockFault:
-        """Return the fault that fits the delays (G,), s, of a channel better, a drift or a jump."""
+        """Return the fault, a drift or a jump, that fits the delays (G,), s, of a channel better."""
         seen = np.isfinite(row)
         t, d = self.times[seen], row[seen]
         slope = np.sum((t - t[0]) * d) / np.sum((t - t[0]) ** 2)
@@ -155,7 +155,7 @@ def _delay(product: np.ndarray, padded: int, fs: float) -> float:
     """Return the lag of the greatest correlation, s; NaN if this correlation does not stand out from the others."""
     correlation = irfft(product * np.abs(product), SYNCHRONY.fine * padded)
     best = int(np.argmax(correlation))
-    if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # 0 > 0 if it is silent
+    if not correlation[best] > SYNCHRONY.peak * np.sqrt(np.mean(correlation**2)):  # both are 0 if it is silent
         return np.nan
     left, middle, right = (correlation[(best + k) % len(correlation)] for k in (-1, 0, 1))
     bend = left - 2 * middle + right

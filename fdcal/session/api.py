@@ -243,7 +243,7 @@ def landscape(
     modes : sequence of int
         Numbers of the P frequencies, counted from 1.
     calibration : Calibration, optional
-        The result whose positions the other microphones have; by default these are the true positions.
+        Result that gives the positions of the other microphones; by default they are at their true positions.
     settings : SolverSettings, optional
         Settings such as those of a scene (`scene.solver`); only `weights` and `order_offset` are used.
 

@@ -230,7 +230,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
 def _size(
     inputs: CalibrationInput, listed: np.ndarray, right: np.ndarray, sigma: float, progress: ProgressReport | None
 ) -> tuple[float, float]:
-    """Return the ratio of the size of a list to that of the array, and one sigma of it, infinite if it is unknown.
+    """Return the ratio of the size of a list to that of the array, and its sigma, infinite if it is unknown.
 
     The pressures determine the size far better if the shape is given. A calibration therefore gets the positions that
     are `right`, with one `sigma` of each coordinate, metres, and estimates the sound speed: only k r matters, so that

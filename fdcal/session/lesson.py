@@ -141,7 +141,7 @@ class Lesson:
         """Return the scene and the seed of step `number`, counted from 0, before or after its answer is revealed.
 
         The last step with a `scene` or `changes` determines it; changes without a scene apply to the last scene named.
-        None if no step up to this one names a scene.
+        The result is None if no step up to this one names a scene.
         """
         name, last = None, None
         every = [setting for step in self.steps[: number + 1] for setting in (step.page, step.then)]

@@ -124,7 +124,7 @@ class PlanLimits:
     work: int = 3000
     min_frequencies: int = 16  # least number of frequencies for which it is computed
     clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
-    # place, relative to the lengths of the room, to which an array is moved that does not lie inside the room
+    # an array that does not lie inside the room is moved to this place, relative to the lengths of the room
     centre: tuple[float, float, float] = (0.43, 0.46, 0.45)
     # largest values in a plan
     max_microphones: int = 300
@@ -259,7 +259,7 @@ class ForecastRules:
     field_part: float = 0.5
     # one sigma of an arrival time as a path, metres: it is 0.1 to 0.8 mm in simulated rooms, 0.9 mm in a measured array
     arrival_sigma_m: float = 5e-4
-    freedom: float = 3.0  # degrees of the Student t distribution that the solver assumes for arrival times
+    freedom: float = 3.0  # degrees of freedom of the Student t distribution that the solver assumes for arrival times
     # Ratio of the error to the bound of field and arrival times together; it is 1.5 to 2.2 in the draws. The solver
     # treats all rows as independent and gives them too much weight compared with arrival times.
     arrival_margin: float = 1.7
@@ -408,8 +408,8 @@ def arrival_matrix(positions: np.ndarray, source: np.ndarray, D: int) -> np.ndar
     """Return the information of the arrival times of one take : (N D + 1, N D + 1) float64.
 
     It is the information on the first D coordinates of the microphones and on the logarithm of the sound speed.
-    `positions` (N, 2 or 3) of the microphones and `source`, metres. The unknown position of the source and time of
-    emission are projected out of the residuals.
+    `positions` (N, 2 or 3), metres, are those of the microphones, and `source` is the position of the source. The
+    solver does not know this position and the time of emission: both are projected out of the residuals.
     """
     (N, size), rules, away = positions.shape, FORECAST, positions - source
     path = np.linalg.norm(away, axis=1)

@@ -81,7 +81,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 def _release(controller, force: bool = False) -> None:
-    """Allow another thread to set limits: from version 3.7 on, threadpoolctl allows this to one thread of a process."""
+    """Allow another thread to set limits: from version 3.7 on, threadpoolctl allows only one thread to set them."""
     for library in controller.lib_controllers:
         if hasattr(library, "clear_controlling_thread"):
             library.clear_controlling_thread(force=force)

@@ -132,14 +132,14 @@ MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64
 
 
 def read_apart(read: Read, path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    """Return the result of `read`, a function at the top of a module, called in a separate process."""
+    """Return the result of `read`, called in a separate process; it must be defined at the top level of a module."""
     by_call = partial(isolated_call, path, _content, partial(read, path, source, rate), MAX_HELD)
     found, values = by_call()
     return Recording(**found, block=by_call if values is None else block_of(values))
 
 
 def _content(read: Callable[[], Recording], max_held: int, *part: Any) -> Any:
-    """Return the fields of a recording and its samples, or None for more than `max_held`; with `part` only a block."""
+    """Return the fields of a recording and, if there are at most `max_held`, its samples; with `part`, only a block."""
     found = read()
     if part:
         return found.block(*part)

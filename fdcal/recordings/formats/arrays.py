@@ -52,7 +52,7 @@ def keys_of(path: Path) -> list[str]:
         require_regular(path)
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return list(archive.files)
-    except Exception:  # a damaged archive raises anything
+    except Exception:  # a damaged archive can raise any exception
         return []
 
 

@@ -332,8 +332,8 @@ def _of_rows(
 ) -> Placed:
     """Return names and positions of the rows of a table below its header.
 
-    `where` is the word for a row in messages; `unit`, as in UNITS, is used if the header has none. If `unique` is set,
-    a name that occurs twice is refused; otherwise the microphones are then numbered.
+    `where` is the word for a row in messages; `unit`, as in UNITS, is used if the header has none. If a name occurs
+    twice, the table is refused if `unique` is set; otherwise the microphones get numbers as names.
     """
     if [meaning(cell)[0] for cell in head].count("x") > 1:
         head, rows = _one_row_each(head, rows)

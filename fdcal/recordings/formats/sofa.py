@@ -25,8 +25,8 @@ AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 
 SAME_POSITION = 1e-6  # metres, distance up to which two source positions are the same
-WHOLE_DELAY = 1e-3  # distance of a delay from a whole number, samples
-EVEN = 0.01  # distance of a frequency from a multiple of the spacing, spacings
+WHOLE_DELAY = 1e-3  # samples, largest distance of a delay from a whole number
+EVEN = 0.01  # largest distance of a frequency from a multiple of the spacing, in spacings
 MAX_DELAY = 10_000_000  # samples, largest delay of a response that is accepted
 
 
