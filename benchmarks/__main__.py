@@ -18,7 +18,7 @@ def main(wanted: list[str]) -> None:
     for name in wanted or names:
         module = importlib.import_module(f"benchmarks.bench_{name}")
         if not wanted and getattr(module, "ALONE", False):
-            continue  # too long to be run unasked
+            continue  # too long to run unless it is named
         print(f"\n{name}")
         for figure in module.run():
             print(f"  {figure}", flush=True)

@@ -18,7 +18,7 @@ from .bench_real import CONDITIONS, FRL, NOMINAL
 
 ALONE = True
 SPEED = 343.2  # m/s
-BAND, HALF = (600.0, 3300.0), 0.6e-3  # Hz; s, half of the window round a sound
+BAND, HALF = (600.0, 3300.0), 0.6e-3  # Hz; half the length of the window round a sound, s
 SOUNDS = {"direct": (0.0, 0.0), "floor": (3.4e-3, 3.95e-3), "ceiling": (4.15e-3, 4.7e-3)}  # s after the direct sound
 COHERENT, ELEVATED, NEAR = 0.93, np.deg2rad(30), 0.01  # least coherence and elevation; m from the nominal places
 FINE, ROUNDS = 16, 30  # samples of the envelope; iterations
@@ -50,7 +50,7 @@ def unit(angles: np.ndarray) -> np.ndarray:
 
 
 def heard(condition: str, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Delays (6,), s, and direction (2,), rad, of each sound of a condition that fits places `x` (6, 3) roughly."""
+    """Yield delays (6,), s, and direction (2,), rad, of each sound of a condition that roughly fits `x` (6, 3), m."""
     for path in sorted((FRL / condition).glob("*.wav")):
         samples, rate = soundfile.read(path)
         p = samples[:400, :6].T

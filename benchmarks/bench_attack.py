@@ -1,4 +1,4 @@
-"""Hostile paths, streams and requests: counts of how the command line and the page handle them wrongly.
+"""Hostile paths, streams and requests: counts of those that the command line or the page handles wrongly.
 
 Files with broken bytes and hostile messages are in `fuzz`. Here are paths that are not files (pipes, devices, loops of
 links), files that change or end while they are read, a full disk, arrays beyond any bound, and requests of clients that

@@ -1,7 +1,7 @@
 """How often few microphones are found from one place of the source, with no position given: verdicts and errors.
 
-16 microphones and one take of 8 s of noise at 30 dB, in a living room and in a studio, as of `fdcal_bench`.
-FDCAL_BENCH_DRAWS of each, 12 unless given.
+16 microphones and one take of 8 s of noise at 30 dB, in a living room and in a studio, as in `fdcal_bench`.
+FDCAL_BENCH_DRAWS sets the draws of each room, 12 unless given.
 """
 
 import os

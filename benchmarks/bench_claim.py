@@ -3,8 +3,8 @@
 24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given
 each, rigid walls, the noise reported. The ratio of the means over the microphones that are sought is averaged over
 draws; +- is its standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given, at least 1.
-FDCAL_BENCH_KNOWN_SIGMA is the error in metres that the given positions, which are exact, are said to have; the solver's
-own unless given.
+FDCAL_BENCH_KNOWN_SIGMA is the sigma, metres, that is stated for the given positions, although these are exact; by
+default it is the solver's own.
 """
 
 import os

@@ -32,34 +32,34 @@ from fdcal_bench.rooms import RATE, SPEED, draw_array, draw_source, responses, s
 
 ALONE = True
 LIVING, OFFICE, HALL = (5.6, 4.4, 2.6), (6.8, 5.6, 3.1), (9.0, 7.0, 4.0)  # m
-ORDER = 40  # of reflections at most
+ORDER = 40  # largest order of reflections
 TAPE = 0.005  # m, of each coordinate
 SNR_DB, PEAK_DB = 35.0, 60.0  # sensor noise below a sound, and below the peak of an impulse response
 DRAWS = 8
 
 
 def circle(rng: np.random.Generator) -> np.ndarray:
-    """Eight microphones about a circle of 0.1 m, which are a little off its regular places (8, 3), metres."""
+    """Return eight microphones on a circle of 0.1 m, not quite evenly spaced (8, 3), metres."""
     angle = 2 * np.pi * np.arange(8) / 8 + rng.normal(0, 0.05, 8)
     return 0.1 * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
 
 
 def table(rng: np.random.Generator) -> np.ndarray:
-    """Eight microphones on a table, up to 0.2 m from its middle (8, 3), metres."""
+    """Return eight microphones on a table, up to 0.2 m from its middle (8, 3), metres."""
     angle = 2 * np.pi * np.arange(8) / 8 + rng.normal(0, 0.15, 8)
     radius = 0.2 * np.sqrt(rng.uniform(0.3, 1, 8))
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(8)])
 
 
 def panel(rng: np.random.Generator) -> np.ndarray:
-    """Sixteen microphones, 42 mm apart, in an upright panel that is turned (16, 3), metres."""
+    """Return sixteen microphones, 42 mm apart, in an upright panel that is turned (16, 3), metres."""
     across, up = (0.042 * (part.ravel() - 1.5) for part in np.meshgrid(np.arange(4), np.arange(4)))
     turn = rng.uniform(0, np.pi)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), up]) + rng.normal(0, 5e-4, (16, 3))
 
 
 def sphere(rng: np.random.Generator) -> np.ndarray:
-    """24 microphones on an open sphere of 0.3 m (24, 3), metres."""
+    """Return 24 microphones on an open sphere of 0.3 m (24, 3), metres."""
     z = 1 - 2 * (np.arange(24) + 0.5) / 24
     angle = 2.39996 * np.arange(24)
     return np.column_stack([0.3 * np.sqrt(1 - z**2) * f(angle) for f in (np.cos, np.sin)] + [0.3 * z]) + rng.normal(
@@ -68,7 +68,7 @@ def sphere(rng: np.random.Generator) -> np.ndarray:
 
 
 def ball(count: int, radius: float) -> Callable[[np.random.Generator], np.ndarray]:
-    """Microphones in a ball."""
+    """Return a function that draws microphones in a ball."""
     return lambda rng: draw_array(rng, count, radius)
 
 
@@ -127,7 +127,7 @@ def record(row: Row, seed: int) -> tuple[np.ndarray, list[np.ndarray]]:
 
 
 def by_fdcal(row: Row, recordings: list[np.ndarray]) -> tuple[np.ndarray | None, str]:
-    """Positions (N, 3) from WAV files, one for each take, and the verdict."""
+    """Return positions (N, 3) from WAV files, one for each take, and the verdict."""
     with tempfile.TemporaryDirectory() as folder:
         paths = [Path(folder) / f"take{n}.wav" for n in range(len(recordings))]
         for path, samples in zip(paths, recordings, strict=True):
@@ -142,7 +142,7 @@ def by_fdcal(row: Row, recordings: list[np.ndarray]) -> tuple[np.ndarray | None,
 
 
 def by_arrivals(row: Row, recordings: list[np.ndarray], rng: np.random.Generator) -> np.ndarray | None:
-    """Positions (N, 3) from the arrival times of all takes; None where these are too few."""
+    """Return positions (N, 3) from the arrival times of all takes; None where these are too few."""
     longest = 2 * max(np.ptp(row.draw(np.random.default_rng(0)), axis=0)) / SPEED
     impulse = row.sound == "impulse"
     times = [first_arrivals(one, RATE) if impulse else time_differences(one, RATE, longest) for one in recordings]
@@ -151,7 +151,7 @@ def by_arrivals(row: Row, recordings: list[np.ndarray], rng: np.random.Generator
 
 
 def error_mm(found: np.ndarray | None, truth: np.ndarray) -> float:
-    """RMS error after the best rigid motion, a mirror image allowed; NaN without an array."""
+    """Return the RMS error after the best rigid motion, a mirror image allowed; NaN without an array."""
     if found is None or not np.isfinite(found).all():
         return np.nan
     return 1e3 * float(np.sqrt(np.mean(np.sum((align(found, truth) - truth) ** 2, axis=1))))

@@ -59,11 +59,11 @@ class DataSet:
 
     @property
     def options(self) -> ImportOptions:
-        """How it is read."""
+        """Options with which the files are read."""
         return ImportOptions(kind=self.kind, sound_speed=self.speed, max_rows=self.max_rows)
 
     def examined(self, question: str = "") -> tuple[Answer, ...]:
-        """The findings about its files, with its list, up to the one that answers a question; all unless given."""
+        """Return the answers on files and list, up to that to `question`, or all."""
         with tempfile.TemporaryDirectory() as folder:
             paths = [str(Path(folder) / f"take{n}.wav") for n in range(len(self.takes))]
             for path, samples in zip(paths, self.takes, strict=True):
@@ -142,14 +142,14 @@ class Fault:
     """What is done to a data set, and which finding must name it."""
 
     question: str
-    kinds: tuple[str, ...]  # any of which it may be called
+    kinds: tuple[str, ...]  # names that count as right for it
     injected: Callable[[DataSet, int, np.random.Generator], DataSet]
     sets: tuple[str, ...]
-    channel: bool = True  # whether it is one of a channel, which must be named
+    channel: bool = True  # whether it is a fault of a channel, which must be named
 
 
 def _one(change: Callable[[np.ndarray, int, np.random.Generator], np.ndarray], fixed: bool = False):
-    """A fault that changes the samples (T,) of one channel in every take; if `fixed`, by the same gain, delay or so."""
+    """Return a fault that changes the samples (T,) of one channel in every take; if `fixed`, in the same way in all."""
 
     def injected(data: DataSet, n: int, rng) -> DataSet:
         takes = [np.array(samples) for samples in data.takes]
@@ -196,7 +196,7 @@ def _wrapped(data, n, rng):
 
 
 def _by_rays(data, n, rng):
-    """The direct sound and early reflections at their times, then noise that decays, of each microphone its own."""
+    """Return direct sound and early reflections at their times, then decaying noise, independent at each microphone."""
     places, takes = data.places - data.places.mean(axis=0) + np.array(DEAD) * (0.44, 0.47, 0.5), []
     for _ in range(4):
         source = draw_source(rng, DEAD, places.mean(axis=0))
@@ -209,7 +209,7 @@ def _by_rays(data, n, rng):
 
 
 def _no_field(data, n, rng):
-    """Each channel is recorded in a run of its own, with the source at another place."""
+    """Return channels that were recorded one after the other, each with the source at another place."""
     takes = []
     for samples in data.takes:
         places = data.places - data.places.mean(axis=0) + np.array(LIVING) * (0.44, 0.47, 0.5)
@@ -278,13 +278,13 @@ FAULTS = {
 
 
 def kinds_of(findings: tuple[Answer, ...], fault: Fault, n: int) -> set[str]:
-    """What the finding that a fault belongs to calls it; of the channel `n` alone where it is one of a channel."""
+    """Return the names that the answers give to a fault; for a fault of a channel, only those given to channel `n`."""
     found = [one for finding in findings if finding.question == fault.question for one in finding.found]
     return {kind for kind, name in found if not fault.channel or name == str(n)}
 
 
 def solved_once() -> None:
-    """Have `examine` calibrate each measurement once: the list, which is all that differs in some, takes no part."""
+    """Make `examine` calibrate each measurement once, because some cases differ only in the list, which is not used."""
     solve, known = doctor.solve, {}
 
     def cached(inputs, *arguments, **others):

@@ -7,8 +7,8 @@ A figure stands between marks, in a text or as a whole table:
 and in docs/figures.json under its key, with which a test compares the documents. FDCAL_BENCH_KEYS names some keys,
 separated by commas; all take about an hour of one processor. `python -m benchmarks documents` writes both. What a
 command prints keeps the lines and the words that the document has, and gets the numbers of a run (`printed.renewed`).
-Then the tests in checks/ run (`pip install -e '.[test]'`): pages from beginning to end, examples, what the lessons
-state, and the paper's figures; exit code 1 where one of them fails.
+Then the tests in checks/ run (`pip install -e '.[test]'`): all pages, examples, numbers in lessons, and figures of the
+paper. The exit code is 1 if one of them fails.
 """
 
 import contextlib
@@ -40,12 +40,12 @@ MARK = re.compile(r"(<!-- figure: ([\w-]+) -->)(.*?)(<!-- /figure -->)", re.DOTA
 
 
 def bench() -> str:
-    """The reference results of fdcal_bench, which `python -m fdcal_bench --reference` computes."""
+    """Return the reference results of fdcal_bench, which `python -m fdcal_bench run --reference` computes."""
     return table(read_reference())
 
 
 def scenes() -> str:
-    """The error of both solvers in every scene."""
+    """Return a table of the errors of both solvers in every scene."""
     lines = ["| scene | `joint` | verdict | `robust` | verdict |", "|---|---|---|---|---|"]
     for name in scene_names():
         cells = []
@@ -59,7 +59,7 @@ def scenes() -> str:
 
 
 def leave_one_out() -> str:
-    """Leave-one-out errors of draws of array 2 and the ball."""
+    """Return a table of leave-one-out errors in draws of array 2 and the ball."""
     lines = [
         "| | leave-one-out error | worst frequency | worst microphone | position error, RMS, median draw | draws not"
         " found |",
@@ -75,7 +75,7 @@ def leave_one_out() -> str:
 
 
 def displaced() -> str:
-    """Leave-one-out errors at true positions with random displacements, in words."""
+    """Return in words the leave-one-out errors at true positions with random displacements."""
     found = [one.value for one in bench_leave_one_out.figures_aside()][::2]
     parts = [f"{value:.1f}" for value in found]
     far = [f"{mm:g} mm" for mm in bench_leave_one_out.ASIDE]
@@ -84,24 +84,24 @@ def displaced() -> str:
 
 
 def doctor() -> str:
-    """How many injected faults `fdcal doctor` names."""
+    """Return a table of how many injected faults `fdcal doctor` names."""
     return doctor_table(bench_doctor.run())
 
 
 def planned() -> str:
-    """What a plan promises beside what recordings reach, of all cases together."""
+    """Return the table of forecasts and reached errors, of all cases together."""
     head, rule, *lines = bench_planned.table()
     return "\n".join([head, rule, *(line for line in lines if line.startswith("| all"))])
 
 
 @cache
 def compared() -> tuple[str, ...]:
-    """The table of fdcal beside other methods, without the row of the seconds."""
+    """Return the table of fdcal beside other methods, without the row of the seconds."""
     return tuple(bench_comparison.run())[:-1]
 
 
 def comparison_in_short() -> str:
-    """Some rows of the same table without the verdicts, for the README."""
+    """Return some rows of the same table without the verdicts, for the README."""
     head, rule, *rows = (re.sub(r"[^|]*\|$", "", line) for line in compared())
     return "\n".join([head, rule, *(rows[n] for n in IN_SHORT)])
 
@@ -116,7 +116,7 @@ def doctor_table(lines) -> str:
 
 @cache
 def printed(commands: str) -> str:
-    """What commands print in an empty folder that has the examples of the repository."""
+    """Return what commands print in a folder with nothing but the examples of the repository."""
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         Path("examples").symlink_to(DOCS.parent / "examples")
         return run_fdcal(commands)
@@ -124,7 +124,7 @@ def printed(commands: str) -> str:
 
 @cache
 def tutorial() -> list[str]:
-    """What the commands of the tutorial print, one after the other, then with two rows of its list swapped."""
+    """Return what each command of the tutorial prints, and the comparison after two rows of the list are swapped."""
     code = BLOCK.findall(text_of(DOCS / "tutorials" / "first-recording.md"))
     compare = "fdcal calibrate plate.npz --check --positions layout.csv --known none"
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
@@ -137,18 +137,18 @@ def tutorial() -> list[str]:
 
 
 def excerpt(key: str, output: str) -> str:
-    """The block `text` of a document that stands between the marks of a key, with the numbers of an output."""
+    """Return the block `text` between the marks of a key in a document, with the numbers of an output."""
     found = {mark: value for page in ALL for mark, value in figures_in(text_of(page)).items()}
     return fenced(renewed(found[key].removeprefix("```text").removesuffix("```"), output).splitlines())
 
 
 def fenced(lines: list[str]) -> str:
-    """Lines as a block of text."""
+    """Return lines as a block of text."""
     return "\n".join(["```text", *lines, "```"])
 
 
 def one(pattern: str, output: str, form: str = "{}") -> str:
-    """The number that a pattern finds in an output."""
+    """Return the number that a pattern finds in an output."""
     found = re.findall(pattern, output)
     if len(found) != 1:
         raise ValueError(f"{pattern} is found {len(found)} times in\n{output}")
@@ -214,7 +214,7 @@ def run() -> Iterator[str]:
         yield f"{key}: {'unchanged' if before == stored[key] else 'changed'}"
     if wanted == list(FIGURES):
         failed = subprocess.run([sys.executable, "-m", "pytest", Path(__file__).with_name("checks")]).returncode
-        yield f"pages, examples, lessons and paper: {'a test failed' if failed else 'as they say'}"
+        yield f"pages, examples, lessons and paper: {'a test failed' if failed else 'all tests pass'}"
         if failed:
             sys.exit(1)
 

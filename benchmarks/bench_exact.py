@@ -47,4 +47,4 @@ def rows(name: str, known: str) -> Iterator[Figure]:
         yield Figure(f"{name}, {words}, {modes} modes: exact", hits[modes], f"of {DRAWS}", target, met)
     enough = [m for m in MODES if hits[m] == DRAWS]
     least = float(enough[0]) if enough else np.nan
-    yield Figure(f"{name}, {words}: least modes that make all of them", least, "modes")
+    yield Figure(f"{name}, {words}: fewest modes with which all are exact", least, "modes")

@@ -10,7 +10,7 @@ from fdcal.acoustics.fdtd_kernels import march
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene import load_scene
 
-# Of one timed call, some milliseconds each: short enough that the best of many is free of the machine's other work.
+# A timed call takes some milliseconds, so that other work of the machine does not disturb the best of many calls.
 STEPS = 64
 SLOW_STEPS = 4
 COPIES = 20

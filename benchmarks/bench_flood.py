@@ -13,7 +13,7 @@ from .protocol import ProtocolPage
 from .report import Figure
 
 ALONE = True  # only when named
-SCENE, DRAWN, LONGEST = "tiny", "LineSegmentsMessage", 2.0  # the last one: s that another page may wait
+SCENE, DRAWN, LONGEST = "tiny", "LineSegmentsMessage", 2.0  # LONGEST: longest wait allowed for another page, s
 UPDATES, DRAGS, MOVES = 30_000, 200, 10
 DRAG = {
     "type": "SceneNodeDragMessage", "name": "/picking/0", "instance_index": 9, "start_position": [0.6, 0.5, 0.1],
@@ -34,7 +34,7 @@ def run() -> list[Figure]:
 
 
 def waits(page: ProtocolPage, count: int | None, stop: threading.Event | None = None) -> list[float]:
-    """Times in which the scene takes on other colours, s: `count` of them, or until `stop` is set."""
+    """Return `count` times, s, in which the scene changes its colours, or those until `stop` is set."""
     found = []
     for n in itertools.count() if count is None else range(count):
         if stop is not None and stop.is_set() and found:
@@ -47,7 +47,7 @@ def waits(page: ProtocolPage, count: int | None, stop: threading.Event | None = 
 
 
 def _worst_wait(served: Served, other: ProtocolPage, sent) -> tuple[float, int]:
-    """The longest wait of a page while another one sends, and how often it was measured."""
+    """Return the longest wait of a page while another one sends, and how often it was measured."""
     ended = threading.Event()
 
     def flood() -> None:

@@ -33,7 +33,7 @@ from .draws import solve as calibrated
 from .report import Figure
 
 REPEATS = 5
-EVALUATIONS = 60  # of least_squares at most, each with the differences of all unknowns
+EVALUATIONS = 60  # largest number in least_squares, each with finite differences for all unknowns
 MICROPHONES = (16, 32, 64, 128, 256, 512)  # with 57 modes
 MODES = (8, 16, 32, 57, 128, 256)  # with 64 microphones
 CHILD = "import sys; from benchmarks.bench_joint import report_size; report_size(int(sys.argv[1]), int(sys.argv[2]))"
@@ -56,7 +56,7 @@ def _blind(measurement):
 
 
 def _whole(name: str, measurement, modes: int, limit: float) -> list[Figure]:
-    """From measurement to verdict."""
+    """Return the times from measurement to verdict."""
     inputs = CalibrationInput(name, None, measurement, SolverSettings(name="joint", modes=modes), 0)
     solve(inputs)
     wall, cpu = np.transpose([timed(lambda: solve(inputs)) for _ in range(REPEATS)])
@@ -68,7 +68,7 @@ def _whole(name: str, measurement, modes: int, limit: float) -> list[Figure]:
 
 
 def timed(function) -> tuple[float, float]:
-    """Seconds of the clock and of the processor."""
+    """Return the seconds of a call by the clock and of the processor."""
     wall, cpu = time.perf_counter(), time.process_time()
     function()
     return time.perf_counter() - wall, time.process_time() - cpu
@@ -98,7 +98,7 @@ def _against_descent(measurement) -> list[Figure]:
 
 
 def _against_least_squares(measurement) -> list[Figure]:
-    """`scipy.optimize.least_squares` on Eq. 7's residuals, the coefficients projected out, from joint's own start."""
+    """Compare joint with `scipy.optimize.least_squares` on the residuals of Eq. 7, from the same start."""
     problem, settings = measurement.problem(), SolverSettings(name="joint", modes=57)
     start, free = solvers.load("joint").init(problem, settings, 0).positions, problem.free
     orders = max_order(problem.wavenumbers[: settings.modes], problem.search.radius, settings.order_offset)
@@ -129,7 +129,7 @@ def _against_least_squares(measurement) -> list[Figure]:
 
 
 def equation7(problem, positions, settings) -> float:
-    """Eq. 7 summed over the modes of `settings`, about the centre of mass."""
+    """Return Eq. 7 summed over the modes of `settings`, about the centre of mass."""
     modes = slice(0, settings.modes)
     k = problem.wavenumbers[modes]
     orders = max_order(k, problem.search.radius, settings.order_offset)
@@ -138,7 +138,7 @@ def equation7(problem, positions, settings) -> float:
 
 
 def _until(problem, settings, rule, goal: float) -> tuple[float, float]:
-    """Seconds of clock and processor of joint's steps until Eq. 7 is at most `goal`; infinite if it never is."""
+    """Return seconds of clock and processor until joint brings Eq. 7 down to `goal`; infinite if it never does."""
     joint, total = solvers.load("joint"), np.zeros(2)
     state = None
 
@@ -154,7 +154,7 @@ def _until(problem, settings, rule, goal: float) -> tuple[float, float]:
 
 
 def _sizes() -> list[Figure]:
-    """Time and memory against N and M, and the exponents fitted to the larger half of each."""
+    """Return time and memory against N and M, and the exponents fitted to the larger half of each."""
     figures, targets = [], {(512, 128): 30.0}
     table = {size: _size(*size) for size in {*((n, 57) for n in MICROPHONES), *((64, m) for m in MODES), *targets}}
     for (n, m), (wall, cpu, step, megabytes, rms) in sorted(table.items()):
@@ -164,7 +164,7 @@ def _sizes() -> list[Figure]:
             Figure(f"N = {n}, M = {m}, blind: time", wall, "s", target, met),
             Figure(f"N = {n}, M = {m}: time of the processor", cpu, "s"),
             Figure(f"N = {n}, M = {m}: one step, mean, processor", 1e3 * step, "ms"),
-            Figure(f"N = {n}, M = {m}: peak memory beyond that before", megabytes, "MB"),
+            Figure(f"N = {n}, M = {m}: increase of the peak memory", megabytes, "MB"),
             Figure(f"N = {n}, M = {m}: RMS error", 1e3 * rms, "mm"),
         ]
     for name, sizes, rows in (
@@ -175,7 +175,7 @@ def _sizes() -> list[Figure]:
         for what, column in (("time of the processor", 1), ("time of a step", 2), ("memory", 3)):
             values = np.maximum([row[column] for row in rows[half:]], 1e-9)
             slope = float(np.polyfit(np.log(sizes[half:]), np.log(values), 1)[0])
-            figures.append(Figure(f"{what} grows with {name} to the power (the larger three)", slope, ""))
+            figures.append(Figure(f"{what}: exponent of {name} in the larger half", slope, ""))
     return figures
 
 
@@ -194,7 +194,7 @@ SIZE_SOURCE, SIZE_ROOM, SIZE_CENTRE = (5.47, 4.53), (6.0, 5.0), (2.61, 2.31)  # 
 
 
 def measured(count: int, modes: int) -> Measurement:
-    """`count` microphones in a rigid room, `modes` modes from the lowest up."""
+    """Return a measurement of `count` microphones in a rigid room with its `modes` lowest modes."""
     rng = np.random.default_rng([count, modes])
     positions = np.array(SIZE_CENTRE) + rng.uniform(-0.5, 0.5, (count, 2))
     frequencies = eigenfrequencies(SIZE_ROOM, modes, 343.0, False)
@@ -205,13 +205,13 @@ def measured(count: int, modes: int) -> Measurement:
 
 
 def peak() -> float:
-    """Most memory that this process has held, MB."""
+    """Return the peak memory of this process, MB."""
     unit = 1e6 if sys.platform == "darwin" else 1e3
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
 def report_size(count: int, modes: int) -> None:
-    """Print seconds of the clock and of the processor, of one step, MB beyond what there was, and metres of error."""
+    """Print seconds of the clock and of the processor, seconds of one step, MB in addition, and the error, metres."""
     for _ in range(2):
         calibrated(measured(24, 16), "none", 16)  # compiles, or reads what was compiled
     measurement, before = measured(count, modes), peak()

@@ -41,7 +41,7 @@ def run() -> list[Figure]:
 
 
 def _one_mode(problem, lattice, guess, centre) -> list[Figure]:
-    """A landscape at 300 Hz and the brute-force one, `pinv` of the whole dictionary for each candidate."""
+    """Compare a landscape at 300 Hz with brute force: `pinv` of the whole dictionary for each candidate."""
     mode = int(np.argmin(np.abs(problem.frequencies - 300)))
     rows = lattice.dictionary(lattice.points, centre, [mode])[0]
     W = lattice.dictionary(guess, centre, [mode])[0]
@@ -68,7 +68,7 @@ def _one_mode(problem, lattice, guess, centre) -> list[Figure]:
 
 
 def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
-    """Fig. 1's four panels; 57 modes summed; one search of the compiled loops."""
+    """Time the four panels of Fig. 1, a sum of 57 modes, and one compiled search."""
 
     def summed(modes):
         return descent_maps(problem, guess, MICROPHONE, modes, ORDER_OFFSET, centre=centre).sum(axis=0)
@@ -92,7 +92,7 @@ def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
 
 
 def _steps(problem, settings, truth) -> list[Figure]:
-    """A whole step of descent, fits and all, against the same with the full landscape, from three states."""
+    """Compare a whole step of descent with the same step by the full landscape, from three states."""
     figures = []
     start = descent.use_modes(problem, descent.init(problem, settings, 0), 1, 57, automatic=False)
     lattice = plane_lattice(problem, start.order_offset)
@@ -118,7 +118,7 @@ def _steps(problem, settings, truth) -> list[Figure]:
 
 
 def _likelihood(name: str, modes: slice, most: float) -> list[Figure]:
-    """Maps of the likelihood at microphones 1 cm off, 40 dB, and how far they are from the direct ones."""
+    """Compare maps of the likelihood with direct values, at 40 dB with microphones 1 cm off."""
     measurement = cached_measurement(load_scene(name))
     problem = measurement.problem()
     guess = measurement.positions + np.random.default_rng(0).normal(0, 0.01, measurement.positions.shape)

@@ -16,7 +16,7 @@ from .report import Figure
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
 MODES = {"array2_random": 67, "ball3d": 57}  # up to 300 Hz
 TARGETS = {("array2_random", 40): -35.0, ("array2_random", 20): -17.0}  # dB
-ASIDE = (1.0, 3.0, 10.0, 30.0)  # mm, that microphones are put aside
+ASIDE = (1.0, 3.0, 10.0, 30.0)  # mm, by which microphones are displaced
 
 
 def run() -> Iterator[Figure]:
@@ -27,7 +27,7 @@ def run() -> Iterator[Figure]:
 
 
 def figures_of(name: str, snr: int) -> dict[str, Figure]:
-    """Figures at the positions that `joint` finds in draws of a scene, by short names."""
+    """Return the figures at the positions that `joint` finds in draws of a scene, by short names."""
     drawn = [draw(name, seed, MODES[name], snr) for seed in range(DRAWS)]
     outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
     reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]

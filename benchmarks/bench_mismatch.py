@@ -25,7 +25,7 @@ KINDS = {"no mismatch": (0.0, 0.0), "1 dB": (1.0, 0.0), "5 degrees": (0.0, 5.0),
 
 
 def mismatched(measurement, gain_db: float, phase_deg: float, rng: np.random.Generator):
-    """`measurement` with a gain and a phase of its own in each channel, Gaussian of these standard deviations."""
+    """Return a measurement whose channels have random gains and phases with these standard deviations."""
     N = measurement.count
     factor = 10 ** (gain_db * rng.standard_normal(N) / 20) * np.exp(1j * np.deg2rad(phase_deg) * rng.standard_normal(N))
     return replace(measurement, pressures=measurement.pressures * factor)
@@ -54,7 +54,7 @@ def run() -> list[Figure]:
 
 
 def measured_room() -> list[Figure]:
-    """The listening room with mismatch and two faults, the calibration as from the command line."""
+    """Calibrate the listening room with mismatch and two faults, as the command line does."""
     figures = []
     for seed in range(LAB_SEEDS):
         scene = load_scene("listening_lab")

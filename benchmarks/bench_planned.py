@@ -1,13 +1,13 @@
 """What `fdcal plan` forecasts beside what recordings of the same array reach: living rooms, a hall, studios.
 
-Nothing is given; four takes of 8 s of noise, or four impulses, as of `fdcal_bench`. Planned: the expected error and its
-range of `fdcal plan` for this array, room, reverberation time, sound, four takes and 30 dB. Reached: RMS after the best
-rigid motion.
+No position is given; four takes of 8 s of noise, or four impulses, as in `fdcal_bench`. Planned: the expected error and
+its range from `fdcal plan` for this array, room, reverberation time, sound, four takes and 30 dB. Reached: RMS after
+the best rigid motion.
 
 Not all draws test the forecast. Its extra scatter was chosen by the cases of `fdcal_bench`, and its factor for
 impulses by these and by the first three draws of each further case with impulses. The model was chosen with the first
-three draws of the further cases with noise in the living room. So these are a test: the further draws with noise in
-the office, and in the living room after the third draw.
+three draws of the further cases with noise in the living room. So only these are a test: the further draws with noise
+in the office, and those in the living room after the third.
 
 FDCAL_BENCH_DRAWS sets the draws of the further cases, 3 unless given; the others are the reference draws of
 `fdcal_bench`.
@@ -34,7 +34,7 @@ FURTHER += tuple(Family(f"office 0.6 s, noise, {count} in 0.4 m", (7.0, 5.0, 3.0
 
 
 def planned(family: Family, draw: int) -> tuple[float, float, float]:
-    """The expected error of a draw and the ends of its range, millimetres."""
+    """Return the expected error of a draw and the ends of its range, millimetres."""
     places = family.places(draw)
     request = PlanRequest(
         Layout("drawn", tuple(map(str, range(len(places)))), places),
@@ -49,7 +49,7 @@ def planned(family: Family, draw: int) -> tuple[float, float, float]:
 
 
 def reached(family: Family) -> list[float]:
-    """The errors of the draws of a case, millimetres: those of the reference where it has them."""
+    """Return the errors of the draws of a case, millimetres, from the reference results if these have the case."""
     stored = [one for one in read_reference() if (one.case, one.method) == (family.name, "fdcal")]
     if stored:
         return [one.error_mm for one in sorted(stored, key=lambda one: one.draw)]
@@ -57,7 +57,7 @@ def reached(family: Family) -> list[float]:
 
 
 def table() -> Iterator[str]:
-    """The lines of a table in Markdown: a line for each case, and one for all of them with noise and with impulses."""
+    """Yield a table in Markdown: a line for each case, and one each for all with noise and for all with impulses."""
     yield "| case | draws | planned (mm), 8 of 10 | reached (mm), RMS | over planned | in the range |"
     yield "|---|---|---|---|---|---|"
     totals: dict[str, list[np.ndarray]] = {}

@@ -13,7 +13,7 @@ dead        small arrays in a room of 6 x 5 x 2.8 m, 0.2 to 0.5 s: impulses of a
             below the peak
 
 The folder FDCAL_REAL_DATA holds the measured arrays, each under the name of its repository; one that is absent is
-skipped. None but frl_array has a licence, so nothing of them is in this repository.
+skipped. Only frl_array has a licence, so the others are not in this repository.
 
 Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the families, separated by commas;
 FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has
@@ -110,7 +110,7 @@ def _rms(values) -> float:
 
 
 def measured() -> Iterator[Case]:
-    """The measured array: takes of one, four and all places of the loudspeaker, evenly round the array."""
+    """Yield cases of the measured array: takes of one, four and all loudspeaker places, evenly round the array."""
     truth = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:]
     for condition in CONDITIONS:
         files = sorted((FRL / condition).glob("*.wav"))
@@ -122,7 +122,7 @@ def measured() -> Iterator[Case]:
 
 
 def below_a_ceiling() -> Iterator[Case]:
-    """Each array of six below the ceiling: each place of the loudspeaker alone, and all three as takes."""
+    """Yield cases of each array of six below the ceiling: each loudspeaker place alone, and all three as takes."""
     places = sorted(DIRHA.glob("T*"))
     for array in ("LA", "KA"):
         texts = [(places[0] / f"{array}{n}.txt").read_text() for n in range(1, 7)]
@@ -145,7 +145,7 @@ def _sampled(path: Path, place: Path, array: str) -> Path:
 
 
 def on_a_table() -> Iterator[Case]:
-    """The circle of eight with a person who speaks."""
+    """Yield the case of the circle of eight with a person who speaks."""
     files = sorted(AMI.glob("AMI_WSJ20-Array1-*.wav"))
     angle = 2 * np.pi * np.arange(8) / 8
     truth = 0.1 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -154,7 +154,7 @@ def on_a_table() -> Iterator[Case]:
 
 @dataclass(frozen=True)
 class Simulated:
-    """A family of cases: room, m; reverberation, s; sound; microphones, in a ball, m, or at one height in it."""
+    """A family of cases; `radius`: of the ball, metres, that contains the microphones; `flat`: at one height in it."""
 
     name: str
     room: tuple[float, float, float]
@@ -165,7 +165,7 @@ class Simulated:
     flat: bool = False
 
     def cases(self) -> Iterator[Case]:
-        """One take and four of each draw."""
+        """Yield the cases of each draw, with one take and with four."""
         for takes in (1, 4):
             for seed in range(DRAWS):
                 rng = np.random.default_rng([seed, 24, self.count])
@@ -181,7 +181,7 @@ class Simulated:
                 yield Case(f"{self.name}, {_takes(takes)}", write, truth, given, options)
 
     def write(self, path: Path, places, source, takes: int, seed: list[int]) -> Path:
-        """Write what the array records of a source: a cardioid that faces it plays an impulse, a point the others."""
+        """Write what the array records of a source: a cardioid facing the array for impulses, else a point source."""
         rng, facing = np.random.default_rng(seed), places.mean(axis=0) - source
         impulse = self.kind == "impulse"
         h = responses(places, source, self.reverberation, 80, self.room, facing if impulse else None)
@@ -238,7 +238,7 @@ def run() -> Iterator[str]:
 
 
 def _agreement(found: list[Found]) -> str:
-    """How far estimates from recordings of their own are from their mean, beside their claim, and that from the plan.
+    """Return in words the scatter of independent estimates, their claim, and the distance of their mean from the plan.
 
     The plan is some millimetres off itself, so that only the scatter can be compared with the claim.
     """

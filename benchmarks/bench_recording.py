@@ -42,7 +42,7 @@ def write_wav(path: Path, responses: np.ndarray, seed: int = 0) -> None:
     for n, h in enumerate(responses):
         X = rfft(h, size) * spectrum
         quiet = np.sqrt(np.mean(np.abs(X[band]) ** 2) / size * 10 ** (-SNR_DB / 10))
-        sound = irfft(X, size)[responses.shape[1] :][:samples]  # what wraps round is before
+        sound = irfft(X, size)[responses.shape[1] :][:samples]  # without the part that wraps round
         recorded[:, n] = sound + quiet * rng.standard_normal(samples)
     soundfile.write(path, recorded / np.abs(recorded).max() * 0.5, RATE, subtype="PCM_24")
 

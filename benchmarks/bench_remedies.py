@@ -5,7 +5,7 @@ them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless 
 The table REMEDIES maps the words that fdcal can print to the action of somebody who follows them. A remedy helps if
 the RMS error falls by a fifth, or if the answer is called good and is right (`benchmarks.field.score`). A remedy that
 cannot be followed, such as more modes if all are in use, counts as no help. A remedy that does not help in most jobs
-does not belong into a verdict.
+does not belong in a verdict.
 """
 
 import io

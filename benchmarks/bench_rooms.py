@@ -1,8 +1,8 @@
 """Whether the accuracy depends on the walls: one array in absorbing, pressure-release, rigid and L-shaped rooms.
 
 Array 2 in rooms simulated by finite differences, 57 frequencies of each; the solver does not know the walls. With noise
-each room is compared with its own bound, computed from its pressures without noise; "the same accuracy" is
-within 1.3 times of it everywhere, and without noise at most twice what the rigid room gives.
+each room is compared with its own bound, computed from its pressures without noise. The accuracy counts as the same if
+every error is within 1.3 times the bound and, without noise, at most twice that of the rigid room.
 """
 
 import os
@@ -33,13 +33,13 @@ ROOMS = {
 
 
 def scene_in(room: Room):
-    """Array 2 in a room."""
+    """Return the scene of array 2 in a room."""
     scene = load_scene("array2_random")
     return replace(scene, room=room, source=replace(scene.source, position=SOURCE))
 
 
 def noisy(scene, snr_db: float, seed: int) -> Draw:
-    """A measurement of the scene with noise of its own."""
+    """Return a measurement of the scene with the noise of a seed."""
     measurement = cached_measurement(scene)
     clean = measurement.pressures
     field = ModalPressures(measurement.frequencies, measurement.wavenumbers, clean)

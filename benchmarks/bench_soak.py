@@ -3,7 +3,7 @@
 Every control that is shown gets random values: ends of sliders, all options, invalid texts, any button. The
 clients speak viser's protocol, without a browser. FDCAL_SOAK_PRESSES says how often something is pressed, 3000 times
 unless given, which takes about ten minutes. After each round the scene is opened again, so that the measurement is
-that of one session, whatever was pressed before. A run of all benchmarks leaves it out: name it, `soak`.
+that of one session, whatever was pressed before. It runs only when it is named.
 
 Memory grows once for the compiled code of each solver and map and for the libraries of an export (VTK has 56 MB). It
 varies with downloads and with the heap that malloc keeps between objects.
@@ -23,15 +23,15 @@ from .report import Figure
 ALONE = True  # only when named
 PAGES, SCENE, OTHER = 2, "tiny", "fig1_square"
 PRESSES, ROUNDS = int(os.environ.get("FDCAL_SOAK_PRESSES", "3000")), 6
-PAUSE, SETTLE = 0.3, 60.0  # s at most between what one presses, and until nothing is computed any more
-WAIT = 300.0  # s at most for a page that opens a scene
+PAUSE, SETTLE = 0.3, 60.0  # s, longest time between two presses, and until all computations have ended
+WAIT = 300.0  # s, longest time in which a page opens a scene
 MOST_GROWTH, MOST_MORE = 150.0, 4  # MB, and files or threads, more than after the first round
 TEXTS = ("", "1", "1, 2-5", "0", "-3", "1e999", "x", "9" * 400, "\u00e4\u2192\U0001f50a")
 STOPPED = "stopped at state"
 
 
 class Presser(ProtocolPage):
-    """A page that presses what it is shown; `gui` has the properties of each control, `stopped` what it was told."""
+    """A page that presses its controls; `gui`: the properties of each; `stopped`: messages that the solver stopped."""
 
     def __init__(self, address: str):
         super().__init__(address)
@@ -60,7 +60,7 @@ class Presser(ProtocolPage):
 
 
 def _values(props: dict, rng: random.Random) -> list:
-    """Values that a person can give a control; none for what takes no value."""
+    """Return values that a person can give a control; [] for a control without a value."""
     kind = props["type"]
     if kind in ("GuiSliderMessage", "GuiNumberMessage"):
         low, high = props.get("min"), props.get("max")
@@ -97,7 +97,7 @@ def run() -> Iterator[Figure]:
         (("resident memory", "MB", MOST_GROWTH), ("open files", "", MOST_MORE), ("threads", "", MOST_MORE))
     ):
         every = [one[number] for one in rested]
-        yield Figure(f"{what} of the server while pages press, the most", max(one[number] for one in during), unit)
+        yield Figure(f"{what} of the server while pages press, largest", max(one[number] for one in during), unit)
         listed = ", ".join(f"{value:.0f}" for value in every[:-1])
         yield Figure(
             f"{what} after each round, scene {SCENE} opened again: {listed}, and in the end",

@@ -70,7 +70,7 @@ def shape() -> list[Figure]:
 
 
 def similar(estimate, truth) -> tuple[np.ndarray, float]:
-    """`estimate` (N, D), metres, moved, turned, flipped and scaled onto `truth`, and by what it was scaled."""
+    """Return `estimate` (N, D), metres, after the best similarity onto `truth`, and the scale of this similarity."""
     turned = align(estimate, truth)
     offset, goal = turned - turned.mean(axis=0), truth - truth.mean(axis=0)
     scale = float(np.sum(offset * goal) / np.sum(offset**2))
@@ -78,5 +78,5 @@ def similar(estimate, truth) -> tuple[np.ndarray, float]:
 
 
 def _at_most(name: str, value: float, limit: float) -> Figure:
-    """Figure in millimetres with its target."""
+    """Return a figure in millimetres with its target."""
     return Figure(name, value, "mm", f"at most {limit:g}", value <= limit)

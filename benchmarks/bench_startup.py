@@ -21,7 +21,7 @@ EVERYTHING = IMPORT.replace(
 
 
 def import_time(code: str = IMPORT, repeats: int = 5) -> float:
-    """Shortest of several fresh interpreters, seconds; NumPy's own import is part of it where it happens."""
+    """Return the shortest import of several fresh interpreters, seconds, including the import of NumPy if it occurs."""
     runs = [
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True) for _ in range(repeats)
     ]
@@ -44,7 +44,7 @@ def serving_time(scene: str) -> float:
 
 
 def calibration_times(folder: Path) -> tuple[float, float]:
-    """Processor time of `fdcal calibrate` of array 1's measurement as a process: nothing compiled before, and warm."""
+    """Return the processor times, s, of a process that calibrates array 1: without compiled code, and with it."""
     path = folder / "array1.npz"
     with open(path, "wb") as file:
         save_measurement(cached_measurement(load_scene("array1_circle")), file)

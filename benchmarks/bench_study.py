@@ -18,8 +18,8 @@ from .report import Figure
 
 ALONE = True
 WORKERS = 2
-PLANNED = 100_000  # draws of which a part is computed, for the memory of the driver
-SECONDS = 20.0  # that they run
+PLANNED = 100_000  # draws of the study that measures the memory of the driver; only some are computed
+SECONDS = 20.0  # duration of that study
 TEXT = """
 scene = "tiny"
 draws = {draws}

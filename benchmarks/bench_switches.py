@@ -1,6 +1,6 @@
 """A page that shows one scene after the other: do threads remain, does memory grow?
 
-FDCAL_SWITCHES says how many scenes are opened, 200 unless given. Not part of a run of all benchmarks: name it.
+FDCAL_SWITCHES says how many scenes are opened, 200 unless given. It runs only when it is named.
 """
 
 import os
@@ -14,15 +14,15 @@ from .report import Figure
 
 ALONE = True  # only when named
 SCENES = ("array1_circle", "tiny", "lshape")
-RUN_EVERY, RUN_TIME = 3, 0.5  # the solver runs in every third scene, for so many seconds
-SETTLE_TIME = 8.0  # s at most in which the maps of a scene are drawn and threads end
+RUN_EVERY, RUN_TIME = 3, 0.5  # the solver runs in every third scene, for RUN_TIME seconds
+SETTLE_TIME = 8.0  # s, longest time until the maps of a scene are drawn and threads have ended
 STILL_TIME = 2.0  # s without a change, longer than the page waits with the release of memory
 MAX_GROWTH = 50e6  # bytes
 
 
 @dataclass(frozen=True)
 class Soak:
-    """Memory in bytes and threads of the server before the first switch, after each, and in the end."""
+    """Memory, bytes, and threads of the server before the first switch, after each, and in the end."""
 
     start: int
     during: list[int]
@@ -62,8 +62,8 @@ def run() -> list[Figure]:
     grown, left, errors = seen.end - seen.start, seen.threads_left, len(seen.errors)
     return [
         Figure("resident memory of the server before the first switch", seen.start / 1e6, "MB"),
-        Figure("the most right after a switch", max(seen.during) / 1e6, "MB"),
-        Figure(f"its growth by {count} switches", grown / 1e6, "MB", "at most 50", grown <= MAX_GROWTH),
+        Figure("largest memory just after a switch", max(seen.during) / 1e6, "MB"),
+        Figure(f"growth of the memory in {count} switches", grown / 1e6, "MB", "at most 50", grown <= MAX_GROWTH),
         Figure(f"threads at the start {seen.threads}, and more at the end", left, "", "none", left <= 0),
         Figure("errors in the log", errors, "lines", "none", not errors),
     ]

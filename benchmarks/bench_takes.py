@@ -1,4 +1,4 @@
-"""How more places of the source reduce the error if takes share the frequencies of an import: 64 microphones, a hall.
+"""How more source positions reduce the error if takes divide the frequencies of an import: 64 microphones, a hall.
 
 No position is given; one, two and four takes of 8 s of noise at 30 dB, as in `fdcal_bench`. The table has the expected
 and the least error of `fdcal plan` beside the RMS error of FDCAL_BENCH_DRAWS draws, 4 unless given.
@@ -22,7 +22,7 @@ TAKES = (1, 2, 4)
 
 
 def table() -> Iterator[str]:
-    """The lines of a table in Markdown."""
+    """Yield the lines of a table in Markdown."""
     yield "| case | takes | frequencies of a take | least error (mm) | expected (mm) | reached (mm) |"
     yield "|---|---|---|---|---|---|"
     for family in CASES:

@@ -29,7 +29,7 @@ from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
 SLIDERS = ("Last freq.", "Microphone")
-MODES, POINTS = 9, 121  # of the map during a drag
+MODES, POINTS = 9, 121  # numbers of modes, and of points along an edge, of the map during a drag
 
 FRAMES = """seconds => new Promise(resolve => {
     const start = performance.now();
@@ -107,7 +107,7 @@ def run() -> list[Figure]:
 
 
 def _cold(browser) -> list[Figure]:
-    """With nothing cached and nothing compiled: the first picture, and when the page shows its progress."""
+    """Time the first picture and the first progress on the page, with nothing cached and nothing compiled."""
     start = time.perf_counter()
     with Served(SCENE, {}, cold=True) as served:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
@@ -124,8 +124,8 @@ def _cold(browser) -> list[Figure]:
 
 
 def _opening(browser, cold: bool = False) -> list[Figure]:
-    """`fdcal view` without a scene, started for this page: from the navigation to the first map, which the page's HTML
-    brings, and to the relief that viser draws, by the browser's own clock."""
+    """Time `fdcal view` without a scene, by the browser's clock: from the navigation to the first map, which is part of
+    the page's HTML, and to the relief that viser draws."""
     with Served("", {}, cold=cold) as served:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT)
@@ -144,8 +144,8 @@ def _opening(browser, cold: bool = False) -> list[Figure]:
 
 
 def _round_trips(browser) -> list[Figure]:
-    """From a slider in the browser to the message with its effect: the modes of a map in Explore while the solver
-    rests, and a slider of an empty page of viser whose value comes back as a text."""
+    """Time from a slider in the browser to the message with its effect: for the modes of a map in Explore while the
+    solver rests, and for an empty page of viser whose slider's value comes back as a text."""
     with ServedEmpty() as served:
         page = browser.new_page()
         page.add_init_script(ARRIVED)
@@ -181,9 +181,9 @@ def _round_trips(browser) -> list[Figure]:
 
 
 def _first_picture(browser) -> list[Figure]:
-    """With warm caches: the room and its microphones, and the button that starts the solver.
+    """Time the room with its microphones, and the button that starts the solver, with warm caches.
 
-    An empty page of viser, opened before and after, takes the share of Chromium and viser; the rest is our own.
+    The time of an empty page of viser, opened before and after, is that of Chromium and viser; the rest is our own.
     """
     before = _empty(browser)
     start = time.perf_counter()
@@ -200,7 +200,7 @@ def _first_picture(browser) -> list[Figure]:
     return [
         Figure(f"first picture of {SCENE}, warm cache", first, "s", "below 5", first < 5),
         Figure("of this an empty page of viser in Chromium, mean of two", empty, "s"),
-        Figure("of this our own share", own, "s", "below 1.5", own < 1.5),
+        Figure("of this our own part", own, "s", "below 1.5", own < 1.5),
         Figure("processor time of the server until then", taken, "s"),
         Figure("the same until it can be run", ready, "s"),
         Figure("the same until it has its first map", mapped, "s"),
@@ -218,7 +218,7 @@ def _empty(browser) -> float:
 
 
 def _while_it_runs(page) -> float:
-    """Let the solver run and move sliders; frames a second of the browser before they are moved."""
+    """Let the solver run, and move sliders; return the frames per second of the browser before they are moved."""
     page.get_by_role("button", name="Play", exact=True).click()
     page.get_by_text("Running", exact=True).first.wait_for()
     frames = page.evaluate(FRAMES, SECONDS)
@@ -233,7 +233,7 @@ def _while_it_runs(page) -> float:
 
 
 def _drags(page, served: Served) -> float:
-    """Drag a microphone about, by the mouse and then on the server; frames a second of the browser in its own drag."""
+    """Drag a microphone with the mouse, then on the server; return the frames per second of the browser in its drag."""
     pause = page.get_by_role("button", name="Pause", exact=True)
     if pause.count():  # a run whose modes the user chose may have ended
         pause.click()
@@ -279,7 +279,7 @@ def _mouse(page) -> float:
 
 
 def _answers(log) -> list[Figure]:
-    """Of each slider the times from its message to its effect."""
+    """Return for each slider the times from its message to its effect."""
     figures = []
     for label in SLIDERS:
         times, received = [], None
@@ -299,7 +299,7 @@ def _answers(log) -> list[Figure]:
 
 
 def _published(log) -> list[Figure]:
-    """Turns of the main loop while the solver runs: how many a second, and how many in the worst second."""
+    """Return the turns of the main loop per second while the solver runs, and those in the worst second."""
     turns = np.array([at for at, what, _ in log if what == "turn"])
     gaps = np.diff(turns)
     counts = np.bincount((turns - turns[0]).astype(int))[:-1]
@@ -311,8 +311,8 @@ def _published(log) -> list[Figure]:
 
 
 def _dragged(log) -> list[Figure]:
-    """Maps published in each drag, and of the browser's the moves that it sent: fewer than 20 a second, for it draws by
-    software, and viser's page waits 50 ms from one to the next."""
+    """Return the rate of maps published in each drag, and of moves that the browser sent: fewer than 20 per second,
+    because it draws by software, and viser's page waits 50 ms between two moves."""
     maps = [at for at, what, value in log if what == "map" and value == [MODES, POINTS]]
     moves = [at for at, what, _ in log if what == "moved"]
     begun = next(at for at, what, _ in log if what == "drag")
@@ -329,5 +329,5 @@ def _dragged(log) -> list[Figure]:
 
 
 def _rate(times: list[float]) -> float:
-    """Return how many events there were a second."""
+    """Return the number of events per second."""
     return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0

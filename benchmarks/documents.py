@@ -12,7 +12,7 @@ DOCS = ROOT / "docs"
 README = ROOT / "README.md"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "generated" not in path.parts)
 ALL = [README, *PAGES]
-MARK = re.compile(r"<!-- /?figure[^>]*-->")  # about what `python -m benchmarks documents` writes
+MARK = re.compile(r"<!-- /?figure[^>]*-->")  # around what `python -m benchmarks documents` writes
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -30,7 +30,7 @@ def text_of(path: Path) -> str:
 
 
 def prose(path: Path) -> str:
-    """The words of a page in one line, as its reader sees them."""
+    """Return the words of a page in one line, as its reader sees them."""
     return " ".join(MARK.sub("", text_of(path)).split())
 
 
@@ -39,7 +39,7 @@ def name_of(path: Path) -> str:
 
 
 def blocks(text: str) -> list[Block]:
-    """All blocks of code of a page, in their order."""
+    """Return all blocks of code of a page, in their order."""
     found = list(BLOCK.finditer(text))
     after = [text[one.end() : two.start()] for one, two in pairwise(found)] + [""]
     following = [*found[1:], None]

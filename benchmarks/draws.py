@@ -33,8 +33,8 @@ from .report import Figure
 AWAY = 1.2  # metres, least distance of the source to the centre of the array
 FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
 DECAY = {2: 3.0, 3: 1.5}  # s, 1/s: recordings of 4 s and 8 s, weighted
-FREE = 1000.0  # times the power of the field: its coefficients are then as good as unknown
-LOST = 3.0  # times the bound
+FREE = 1000.0  # factor of the power of the field with which its coefficients are practically unknown
+LOST = 3.0  # error over the bound from which a draw is lost
 SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")  # or joint, of `exact`, `noise`, `rooms` and `mismatch`
 
 
@@ -47,7 +47,7 @@ class Draw:
 
 
 def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
-    """The array of scene `name` with a source, noise and, where it is random, an array of their own."""
+    """Return a draw of scene `name`: the seed determines source, noise and, if it is random, the array."""
     scene, field = _field(name, seed, modes)
     measurement = draw_measurement(
         field,
@@ -65,7 +65,7 @@ def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
 
 @functools.lru_cache(maxsize=64)
 def _field(name: str, seed: int, modes: int) -> tuple[Scene, ModalPressures]:
-    """The scene of a draw, and its field without noise."""
+    """Return the scene of a draw, and its field without noise."""
     scene = load_scene(name)
     position = source_of(scene, np.random.default_rng([seed, 2]))
     scene = replace(scene, seed=seed, source=replace(scene.source, position=position))
@@ -86,7 +86,7 @@ def source_of(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
 
 
 def eigenfrequencies(size, count: int, c: float, spaced: bool, lowest=20.0, highest=300.0, apart=1.0) -> np.ndarray:
-    """The `count` lowest of a rigid room that are `apart`, Hz; `spaced`: evenly taken from those below `highest`."""
+    """Return the `count` lowest of a rigid room, `apart` Hz apart; `spaced`: an even choice below `highest`."""
     numbers = np.array(list(itertools.product(range(40), repeat=len(size))))
     every = np.sort(c / 2 * np.linalg.norm(numbers / np.array(size), axis=1))
     chosen = [0.0]
@@ -101,10 +101,10 @@ def eigenfrequencies(size, count: int, c: float, spaced: bool, lowest=20.0, high
 
 
 def bound(drawn: Draw, known: str, modes: int) -> float:
-    """Cramer-Rao bound of the RMS position error over all microphones, metres; coefficients of the field unknown.
+    """Return the Cramer-Rao bound of the RMS position error, metres; the coefficients of the field are unknown.
 
-    The curvature of the likelihood at the true positions and the pressures without noise, the field's power times FREE;
-    known microphones, or with known = "none" translation and rotation, left out.
+    It follows from the curvature of the likelihood at the true positions and pressures, with FREE times the power of
+    the field. Known microphones are left out, or with known = "none" translation and rotation.
     """
     m, clean = drawn.measurement, drawn.clean[:modes]
     power = mode_power(clean)
@@ -122,7 +122,7 @@ def bound(drawn: Draw, known: str, modes: int) -> float:
 
 @dataclass(frozen=True)
 class Outcome:
-    """positions (N, D), metres, aligned if blind; rms, metres; seconds of wall clock and of the processor; state."""
+    """Positions (N, D), metres, aligned if blind; RMS error, metres; seconds of clock and processor; state."""
 
     positions: np.ndarray
     rms: float
@@ -149,14 +149,14 @@ def solve(measurement: Measurement, known: str, modes: int, **settings) -> Outco
 
 
 def pooled(values) -> float:
-    """Root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def summary(
     name: str, drawn: list[Draw], known: str, modes: int, limit: float | None = 1.3, **settings
 ) -> list[Figure]:
-    """Figures of the RMS error pooled over draws, beside `limit` times the bound or none, and of how many are lost."""
+    """Return figures of the RMS error pooled over draws, of its ratio to the bound, and of the number of lost draws."""
     rms = [solve(d.measurement, known, modes, **settings).rms for d in drawn]
     least = [bound(d, known, modes) for d in drawn]
     ratio, lost = pooled(rms) / pooled(least), sum(not r <= LOST * b for r, b in zip(rms, least, strict=True))

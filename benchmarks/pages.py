@@ -1,4 +1,4 @@
-"""What benchmarks of the page share: a server in a process of its own, and pages in a real browser without a screen."""
+"""Helpers for benchmarks of the page: a server in a separate process, and pages in a real browser without a screen."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pathlib import Path
 from fdcal.model.scene import folder_of
 
 WAIT = 180e3  # ms, bound of every wait
-# The first is Chromium without what is around a page: it takes an eighth less of the processor.
+# The first is Chromium without windows and menus, which takes an eighth less processor time.
 BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 ARGUMENTS = (
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
@@ -26,7 +26,7 @@ ARGUMENTS = (
 )  # fmt: skip
 
 
-# Draws by WebGL, and ends when that has been seen.
+# Draws with WebGL, and ends when the picture is on the screen.
 DRAWN = """new Promise(resolve => {
     const gl = document.querySelector("canvas").getContext("webgl2");
     gl.clearColor(1, 0, 0, 1);
@@ -36,17 +36,17 @@ DRAWN = """new Promise(resolve => {
 
 
 class Served:
-    """`fdcal view` of a scene, its solver changed; a context manager. `stopped_in` is how long Ctrl-C took, s."""
+    """`fdcal view` of a scene with a changed solver; a context manager. `stopped_in`: time that Ctrl-C took, s."""
 
     def __init__(
         self, scene: str, solver: dict[str, str], watched: bool = False, cold: bool = False, own_cache: bool = False
     ):
-        """`watched` keeps a `log` (see `benchmarks.watched`); `cold` gives it empty caches, `own_cache` an empty
-        folder for measurements and for the log of errors alone."""
+        """`watched`: keep a `log` (see `benchmarks.watched`); `cold`: begin with empty caches; `own_cache`: begin with
+        an empty folder for measurements and the error log only."""
         self._folder = Path(tempfile.mkdtemp())
         self._scene = _changed(scene, solver, self._folder) if solver else scene
         self._errors, self.stopped_in, self._watched = self._folder / "errors", 0.0, watched
-        # it runs in the folder, where it writes what is recorded, and takes its modules from the checkout all the same
+        # it runs in the folder, where it writes what is recorded, but imports its modules from the checkout
         path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
         self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": path}
         self._log = self._folder / "log"
@@ -83,33 +83,33 @@ class Served:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def log(self) -> list[tuple[float, str, object]]:
-        """What a watched server has noted: s, what, value."""
+        """Return the log of a watched server: time, s, event and value."""
         return [tuple(json.loads(line)) for line in self._log.read_text().splitlines()]
 
     def drag(self) -> None:
-        """Have a watched server drag a microphone about by itself."""
+        """Make a watched server drag a microphone by itself."""
         self._process.send_signal(signal.SIGUSR1)
 
     def memory(self) -> int:
-        """Resident memory of the server, bytes."""
+        """Return the resident memory of the server, bytes."""
         pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
     def handles(self) -> int:
-        """Number of files that the server has open."""
+        """Return the number of files that the server has open."""
         return len(os.listdir(f"/proc/{self._process.pid}/fd"))
 
     def processor(self) -> float:
-        """Processor time that the server has taken so far, s."""
+        """Return the processor time that the server has used so far, s."""
         fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def threads(self) -> set[int]:
-        """Numbers of the server's threads."""
+        """Return the numbers of the server's threads."""
         return {int(task.name) for task in Path(f"/proc/{self._process.pid}/task").iterdir()}
 
     def complaints(self) -> list[str]:
-        """Lines on the server's standard error, and in a log of its own, that report errors."""
+        """Return the lines that report errors, on the server's standard error and in its log."""
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
         if self._error_log.exists():
             logged = self._error_log.read_text(encoding="utf-8", errors="replace").splitlines()
@@ -128,7 +128,7 @@ class ServedEmpty(Served):
 
 
 def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:
-    """A copy of a scene with its solver changed."""
+    """Write a copy of a scene with a changed solver, and return its path."""
     text = (folder_of("scenes") / f"{scene}.toml").read_text(encoding="utf-8")
     for key, value in solver.items():
         lines = [f'{key} = "{value}"' if line.startswith(f"{key} = ") else line for line in text.splitlines()]
@@ -139,12 +139,12 @@ def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:
 
 
 def browser_path() -> str | None:
-    """Path of the first browser of `BROWSERS` that this machine has, or None."""
+    """Return the path of the first browser of `BROWSERS` that this machine has, or None."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def launch(playwright):
-    """A browser without a screen that draws by software; SystemExit where this machine has none."""
+    """Return a browser without a screen that draws by software; SystemExit if this machine has none."""
     path = browser_path()
     if path is None:
         raise SystemExit("no Chromium: apt-get install -y --no-install-recommends chromium-headless-shell")
@@ -153,7 +153,7 @@ def launch(playwright):
 
 @contextlib.contextmanager
 def chromium() -> Iterator:
-    """A browser without a screen that has shown a page, as that of a user has: its own start is not ours."""
+    """Yield a browser that has already shown a page, because the start of a browser is not part of our times."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
@@ -182,6 +182,6 @@ def wait_for_node(page, name: str) -> None:
 
 
 def slider(page, label: str):
-    """The handle of a slider, by its label."""
+    """Return the handle of a slider, by its label."""
     number = page.get_by_text(label, exact=True).get_attribute("for")
     return page.locator(f"[id='{number}']").get_by_role("slider")

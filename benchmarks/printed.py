@@ -31,7 +31,7 @@ def run_fdcal(code: str) -> str:
 def renewed(documented: str, printed: str, numbers: re.Pattern = WITH_UNIT) -> str:
     """Return documented lines with the numbers of the printed ones, in that order; "..." stands for the rest of a line.
 
-    Raises ValueError: one of them is not printed.
+    Raises ValueError if one of them is not printed.
     """
     lines, printed_lines = [], iter(printed.strip().splitlines())
     for line in documented.strip().splitlines():
@@ -46,7 +46,7 @@ def renewed(documented: str, printed: str, numbers: re.Pattern = WITH_UNIT) -> s
 
 
 def shows(documented: str, printed: str) -> bool:
-    """Whether each line that is documented is printed, in that order, but for numbers."""
+    """Return whether each documented line is printed, in that order, except for numbers."""
     try:
         renewed(documented, printed, MEASURED)
     except ValueError:

@@ -38,7 +38,7 @@ def send(connection: ClientConnection, **message) -> None:
 
 
 def messages(connection: ClientConnection, timeout: float | None = TIMEOUT) -> Iterator[dict]:
-    """Yield the messages that a client is sent."""
+    """Yield the messages that a client receives."""
     while True:
         raw = connection.recv(timeout=timeout)
         size = int.from_bytes(raw[8:16], "little")
@@ -47,7 +47,7 @@ def messages(connection: ClientConnection, timeout: float | None = TIMEOUT) -> I
 
 
 class ProtocolPage:
-    """A page that reads all that it is sent, on a thread of its own; a context manager.
+    """A page that reads all messages on its own thread; a context manager.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class ProtocolPage:
                 self.read(message)
 
     def read(self, message: dict) -> None:
-        """Note what a message says."""
+        """Count a message, and keep the name of its node or control."""
         kind, label = message["type"], (message.get("props") or {}).get("label")
         self.received[kind] = self.received.get(kind, 0) + 1
         if "props" in message and "name" in message:

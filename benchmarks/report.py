@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Figure:
-    """A measured value; `met` is None where there is no target."""
+    """A measured value; `met` is None without a target."""
 
     name: str
     value: float
@@ -20,7 +20,7 @@ class Figure:
 
 
 def best_time(function, repeats: int = 5) -> float:
-    """Shortest time of `repeats` calls, seconds; the first, compiling, call is not counted."""
+    """Return the shortest time of `repeats` calls, seconds; an earlier call, which compiles, is not counted."""
     function()
     times = []
     for _ in range(repeats):

@@ -2,8 +2,8 @@
 
 `.ci/run` calls it with the lowest versions that pyproject.toml allows on the oldest Python, and with the newest
 versions on the newest one; the test suite runs with the newest versions and one Python. It needs nothing that fdcal
-does not; `--core` tests an installation without extras. It runs outside of the checkout, so that the installed package
-is what it tests.
+does not; `--core` tests an installation without extras. It runs outside of the checkout, so that it tests the installed
+package.
 """
 
 import platform
@@ -21,7 +21,7 @@ SHOWN = ("numpy", "numba", "viser", "pyvista", "pillow")
 
 
 def fdcal(*arguments: str) -> None:
-    """Run a command; end this program where it fails or warns."""
+    """Run a command; end this program if it fails or warns."""
     command = [sys.executable, "-m", "fdcal", *arguments]
     run = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT)
     if run.returncode or "Warning" in run.stderr:
@@ -52,7 +52,7 @@ def check_page() -> None:
 
 
 def check_core(folder: Path) -> None:
-    """Calibrate, and write the result; lessons are there; a command that needs an extra names it in one line."""
+    """Check that the lessons are there, and that a calibration and its export work."""
     from fdcal.session.lesson import lesson_names
 
     assert lesson_names()
@@ -63,7 +63,7 @@ def check_core(folder: Path) -> None:
 
 
 def check_what_is_missing() -> None:
-    """The commands of the extras, and those of other packages, end with one line that says what to install."""
+    """Check that commands of missing extras and packages end with one line that says what to install."""
     for missing, arguments in (
         ("fdcal[page]", ("view", SCENE)),
         ("fdcal[pictures]", ("snapshot", SCENE, "-o", "none.png")),

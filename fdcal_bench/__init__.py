@@ -7,7 +7,7 @@
 recordings  list of arrays (N, T), one take each: the same microphones, the source at another place
 rate        Hz
 kind        "noise", "speech" or "impulse": what the source plays
-speed       of sound, m/s
+speed       speed of sound, m/s
 sources     (S, 3) float64, metres, positions of the source as measured with a tape, each coordinate to 5 cm; None if
             they were not measured
 positions   (N, 3) float64, metres, in any axes

@@ -16,9 +16,9 @@ def main():
 
 @main.command()
 @click.argument("methods", nargs=-1, metavar="[module:method]...")
-@click.option("--only", metavar="TEXT", default="", help="Cases whose name holds this text.")
+@click.option("--only", metavar="TEXT", default="", help="Only cases whose name contains this text.")
 @click.option(
-    "--draws", type=click.IntRange(1, DRAWS), default=1, show_default=True, metavar="N", help="Of each family."
+    "--draws", type=click.IntRange(1, DRAWS), default=1, show_default=True, metavar="N", help="Draws of each family."
 )
 @click.option("--reference", is_flag=True, help="Compute the reference results again.")
 def run(methods, only, draws, reference):
@@ -27,7 +27,7 @@ def run(methods, only, draws, reference):
     `help(fdcal_bench)` describes the function of a method.
     """
     if not any(only in name for name in NAMES):
-        raise click.BadParameter(f'no case holds "{only}"; the cases are {"; ".join(NAMES)}', param_hint="--only")
+        raise click.BadParameter(f'no case contains "{only}"; the cases are {"; ".join(NAMES)}', param_hint="--only")
     functions = REFERENCE_METHODS if reference else {text: method_of(text) for text in methods}
     scores = []
     for case in cases(DRAWS if reference else draws, only) if functions else ():

@@ -10,9 +10,9 @@ import numpy as np
 from .rooms import RATE, SPEED, draw_array, draw_source, responses, speech_like
 
 TAKES, SECONDS = 4, 8.0  # takes of a case with noise or speech, and their length, s
-SNR_DB, PEAK_DB = 30.0, 60.0  # over the sensor noise: noise and speech from 20 to 500 Hz; the peak of an impulse
+SNR_DB, PEAK_DB = 30.0, 60.0  # over sensor noise: of noise and speech from 20 to 500 Hz; of the peak of an impulse
 SOURCE_SIGMA = 0.05  # m, standard deviation of each measured coordinate of a source
-ORDER = 40  # of image sources, at most
+ORDER = 40  # largest order of the image sources
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Case:
     recordings: tuple[np.ndarray, ...]  # (N, T) float64 of each take
     rate: int  # Hz
     kind: str  # "noise", "speech" or "impulse"
-    truth: np.ndarray  # (N, 3) float64, metres; of the measured array those of the plan
+    truth: np.ndarray  # (N, 3) float64, metres; for the measured array, the positions in its plan
     sources: np.ndarray | None  # (S, 3) float64, metres, as measured
     speed: float = SPEED  # m/s
 
@@ -89,7 +89,7 @@ NAMES = (*(family.name for family in FAMILIES), MEASURED)
 
 
 def cases(draws: int = 1, only: str = "") -> Iterator[Case]:
-    """Yield the cases whose name holds a text: `draws` of each family, then the measured array."""
+    """Yield the cases whose name contains a text: `draws` of each family, then the measured array."""
     for family in FAMILIES:
         if only in family.name:
             yield from map(family.draw, range(draws))
@@ -99,7 +99,7 @@ def cases(draws: int = 1, only: str = "") -> Iterator[Case]:
 
 @functools.cache
 def measured_array() -> Case:
-    """Return the measured array: R3VIVAL, Meta Platforms, CC BY 4.0, as its folder says."""
+    """Return the measured array: R3VIVAL, Meta Platforms, CC BY 4.0 (the licence is in its folder)."""
     import soundfile
 
     own = Path(__file__).parent / "frl_array"  # where it is installed

@@ -1,4 +1,4 @@
-"""The code of a row: its version, the commit of a checkout, and a hash of the modules that a result depends on."""
+"""The code that computed a row: version, commit of a checkout, and hash of the modules that affect a result."""
 
 import hashlib
 import subprocess
@@ -10,7 +10,7 @@ from pathlib import Path
 import fdcal
 
 PACKAGE = Path(fdcal.__file__).parent
-PARTS = ("acoustics", "assessment", "cost", "model", "session", "solvers")  # what a result depends on
+PARTS = ("acoustics", "assessment", "cost", "model", "session", "solvers")  # packages that affect a result
 GIT_SECONDS = 10.0
 
 
@@ -19,8 +19,8 @@ class CodeVersion:
     """The code of a process."""
 
     version: str  # of fdcal
-    source: str  # hash of the modules that a result depends on
-    # the last one that changed the package, with "+" if files were changed since; None outside a repository
+    source: str  # hash of the modules that affect a result
+    # the last commit that changed the package, with "+" if files were changed since; None outside a repository
     commit: str | None
 
     def __str__(self) -> str:
@@ -29,7 +29,7 @@ class CodeVersion:
 
 @cache
 def code_version(*more: Path) -> CodeVersion:
-    """Return the version of the code as its files are at the first call; the hash is also of the modules in `more`."""
+    """Return the version of the code at the first call; its hash includes the modules in the folders `more`."""
     commit = _git("log", "-1", "--format=%h")
     changed = "+" if commit and _git("status", "--porcelain") else ""
     return CodeVersion(version("fdcal"), source_hash(PACKAGE, *more), commit and commit + changed)
@@ -42,7 +42,7 @@ def source_hash(package: Path, *more: Path) -> str:
     beside = [path for folder in more for path in sorted(folder.glob("*.py"))]
     for path, root in [(path, package) for path in inside] + [(path, path.parent) for path in beside]:
         found.update(path.relative_to(root).as_posix().encode())
-        found.update(path.read_bytes().replace(b"\r\n", b"\n"))  # ends of lines do not count
+        found.update(path.read_bytes().replace(b"\r\n", b"\n"))  # line endings do not matter
     return found.hexdigest()
 
 

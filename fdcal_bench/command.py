@@ -103,7 +103,7 @@ def _page(folder: str, page: str) -> str:
 
     head, rows = read_results(folder)
     scenarios = list(head.axes) == [SCENARIO]
-    _require(scenarios, "page", "a page is of a study of scenarios", "use --report without --page")
+    _require(scenarios, "page", "only a study of scenarios has a page", "use --report without --page")
     write_page(Path(page), head, rows, folder, PAGE_COMMANDS)
     return page
 

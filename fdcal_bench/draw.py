@@ -49,17 +49,17 @@ class Scenario:
     noise: Literal["reported", "auto"] = "auto"  # whether the solver is given the power of the noise
     takes: Count = 1  # places of the source
     known: Annotated[int, within(0)] = 4  # microphones whose positions are given; 0: blind
-    known_error: Annotated[float, within(0, 1, "m")] = 0.0  # standard deviation of each given coordinate
+    known_error: Annotated[float, within(0, 1, "m")] = 0.0  # standard deviation of the error of a given coordinate
     misplaced: Annotated[float, within(0, 10, "m")] = 0.0  # error of one given position
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0  # standard deviation of the channels' gains
     phase_deg: Annotated[float, within(0, 180, "degrees")] = 0.0  # standard deviation of their phases
     inverted: Annotated[int, within(0)] = 0  # channels of inverted polarity
     dead: Annotated[int, within(0)] = 0  # channels without signal
-    # pairs of a frequency, Hz, and the fraction of the energy that the walls absorb there at normal incidence; rigid
-    # walls without any, in a recording that is weighted as one of four seconds is
+    # pairs of a frequency, Hz, and the fraction of the energy that the walls absorb there at normal incidence; without
+    # any the walls are rigid, and the decay is that of a recording of four seconds
     absorption: tuple[tuple[float, float], ...] = ()
     cardioid: bool = False  # whether the source is a cardioid that faces a random direction
-    sound_speed_error: Annotated[float, within(-0.1, 0.1)] = 0.0  # of the sound speed that the solver is given
+    sound_speed_error: Annotated[float, within(-0.1, 0.1)] = 0.0  # relative, of the sound speed given to the solver
     # one sigma of given coordinates and of the sound speed as stated to the solver; left out: nothing is stated
     known_sigma: Annotated[float, within(0, 1, "m")] | None = None
     sound_speed_sigma: Annotated[float, within(1e-6, 0.1)] | None = None
@@ -81,13 +81,13 @@ class Scenario:
             problem = f"scenario {self.name} needs low below high, and absorption from 0 to 1 at rising frequencies"
             raise InputError(problem, key="low" if band else "absorption")
         if self.known + self.inverted + self.dead > self.microphones or (self.misplaced and not self.known):
-            problem = f"scenario {self.name} has too few microphones for what is given or faulty"
+            problem = f"scenario {self.name} has too few microphones for the known and the faulty ones"
             raise InputError(problem, "use more microphones", key="microphones")
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One draw: what the solver gets, and what is wrong with it."""
+    """One draw: the measurement for the solver, and its faults."""
 
     measurement: Measurement
     faulty: frozenset[str]  # names of the channels that are inverted or dead

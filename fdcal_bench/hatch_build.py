@@ -1,4 +1,4 @@
-"""The measured array is part of both distributions: in a checkout it is an example of fdcal."""
+"""Puts the measured array into wheel and source distribution; in a checkout it is an example of fdcal."""
 
 from pathlib import Path
 

@@ -24,7 +24,7 @@ TIMING = 0.003  # m, scatter of an arrival time times the sound speed; larger re
 def cross_spectra(recorded, rate: float, segment: int, decays: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (F,), Hz, and Welch's cross-spectra (N, N, F) of recordings (N, T).
 
-    decays : whether the recordings are responses; each segment then counts alike, down to 15 dB below the first
+    decays : whether the recordings are responses; segments down to 15 dB below the first then have equal weight
     """
     f, _, X = stft(recorded, fs=rate, nperseg=segment, boundary=None, padded=False, axis=1)  # pyright: ignore[reportArgumentType]
     if decays:
@@ -58,7 +58,7 @@ def distances_of_coherence(gamma, frequencies, speed: float, longest: float = 1.
 
 
 def robust_scaling(distances, dimension: int = 3, rounds: int = 1000) -> np.ndarray:
-    """Return positions (N, D), metres, about the origin, of distances (N, N) of which some are wrong.
+    """Return positions (N, D), metres, about the origin, from distances (N, N), some of which are wrong.
 
     Stress majorisation begins with classical scaling. The part of a residual beyond 2.5 times the scatter of all
     residuals counts as an outlier and is subtracted from the distance.
@@ -200,7 +200,7 @@ def fdcal(recordings, rate, *, kind, speed, sources):
 
     try:
         found = own.calibrate(_measurement(recordings, rate, kind, speed), known="none")
-    except own.InputError:  # which says why it calibrates nothing
+    except own.InputError:  # the recordings cannot be calibrated
         return None
     return found.positions, found.uncertainty
 
@@ -219,7 +219,7 @@ def _measurement(recordings, rate, kind, speed):
 
 
 def by_coherence(recordings, rate, *, kind, speed, sources, dimension=3):
-    """Return what coherence and robust multidimensional scaling find, in the plane for an array known to be plane."""
+    """Return the positions from coherence and robust scaling; `dimension` is 2 for an array known to be plane."""
     total, f = 0.0, np.zeros(0)
     for samples in recordings:
         if kind == "impulse":
@@ -232,7 +232,7 @@ def by_coherence(recordings, rate, *, kind, speed, sources, dimension=3):
 
 
 def by_arrivals(recordings, rate, *, kind, speed, sources):
-    """Return what arrival times and measured positions of the source give."""
+    """Return the positions that follow from arrival times and measured positions of the source."""
     if sources is None:
         return None
     impulse = kind == "impulse"

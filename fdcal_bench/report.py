@@ -58,7 +58,7 @@ class StudyPanels:
     averaged: tuple[str, ...]  # axes over which every panel averages, since they would give too many panels
 
     def drawn(self, width: float, height: float) -> tuple[Figure, list[tuple[Any, dict[str, Any]]]]:
-        """Return a figure with one matplotlib axes for each panel, `width` x `height` inches or more, and panels."""
+        """Return a figure with a matplotlib axes of at least `width` x `height` inches for each panel, and these."""
         rows = -(-len(self.panels) // self.columns)
         wide = max(width * self.columns, MIN_WIDTH)
         figure = Figure(figsize=(wide, FRAME + rows * max(height, 0.45 * wide / self.columns)), dpi=100)
@@ -104,7 +104,7 @@ def label_of(name: str) -> str:
 
 
 SMALL = "small"
-LONG = 24  # characters of an entry of a legend, above which there are two in a line
+LONG = 24  # characters of an entry of a legend above which a line has two entries, otherwise six
 
 
 def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figure:
@@ -168,7 +168,7 @@ def draw_error_bars(rows: pandas.DataFrame, shown: StudyPanels) -> Figure:
 
 
 def draw_verdicts(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figure:
-    """Return bars of how often the verdict was right or wrong either way, along the x axis."""
+    """Return bars of how often verdicts were right and wrong, good and not good, along the x axis."""
     figure, panels = shown.drawn(2.6, 2.4)
     kinds = (
         ("good", "good, and true", "tab:green"),
@@ -210,17 +210,16 @@ CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
     "error": "Median error of the microphones that are sought, 10 to 90 % shaded; dashed the bound in a diffuse field.",
     "error-bars": "Error against the one sigma that each calibration claims.",
-    "verdicts": "Verdicts, right and wrong either way; wrong is an error above 5 mm and three claimed sigmas.",
+    "verdicts": "Right and wrong verdicts; good and wrong: an error above 5 mm and above three claimed sigmas.",
 }
 
 
 def write_report(
     folder: str | Path, head: Head, rows: pandas.DataFrame, names: tuple[str, str] | None, at: dict[str, str]
 ) -> Path:
-    """Write the report of a study into the folder `report` of its own, and return its page.
+    """Write the report of a study into the folder `report` inside its folder, and return its page.
 
-    `head`, `rows`: as of `read_results`; `names`: axes along y and x; `at`: values of other
-    axes, as text.
+    `head`, `rows`: from `read_results`; `names`: axes along y and x; `at`: values of other axes, as text.
     """
     axes = head.axes
     for name in names or ():
@@ -250,7 +249,7 @@ def write_report(
 
 
 def code_text(rows: pandas.DataFrame) -> str:
-    """Return in a sentence which code computed the rows of a study, and how many each where there are several."""
+    """Return a sentence that names the code of the rows of a study; of several, with the number of rows of each."""
     codes = [tuple(code) for code in rows[["version", "source", "commit"]].itertuples(index=False)]
     counts = Counter(str(CodeVersion(v, source, c if isinstance(c, str) else None)) for v, source, c in codes)
     if len(counts) == 1:
@@ -258,7 +257,7 @@ def code_text(rows: pandas.DataFrame) -> str:
     return f"Computed by different code: {'; '.join(f'{count} by {text}' for text, count in counts.most_common())}."
 
 
-MAX_LINES = 200  # of a table
+MAX_LINES = 200  # largest number of lines of a table
 
 
 def _points(rows: Any, axes: dict[str, list]) -> tuple[list[str], list[list[str]]]:
@@ -351,8 +350,8 @@ from the rows in [{stem}.csv]({stem}.csv).
 
 Of the draws with the verdict `good`: the fraction of microphones inside the ellipse of each probability, with one
 standard error (the draws are independent, the microphones of one are not), and the median over the draws of the mean
-squared error over the claimed variance (1 is right; more: the claim is too narrow). Microphones count that are sought
-and whose channels have no fault. One sigma of a position is the root of the trace of its covariance.
+squared error over the claimed variance (1 is right; more: the claim is too narrow). Only microphones that are sought
+and whose channels have no fault are counted. One sigma of a position is the root of the trace of its covariance.
 
 | scenario | good | error mm | claim mm | error over claim | {levels} |
 |---|---|---|---|---|{rules}|
@@ -363,7 +362,7 @@ FIGURE = """
 ```
 
 Ranks of the true coordinates in what is claimed, of the same draws, in {bins} bins; the band is two standard errors
-about the uniform distribution. A hill says that the claim is too wide, a valley that it is too narrow, a slope that
+about the uniform distribution. A hill shows that the claim is too wide, a valley that it is too narrow, a slope that
 there is a bias.
 
 ## Verdicts
@@ -372,7 +371,7 @@ An array is *right* where its error (root mean square) is below 5 mm, or three t
 field. *Good and wrong*: the verdict is `good`, and the error is above 5 mm and three claimed sigmas, or that of one
 microphone above 10 mm and five. *Accused*: healthy channels that are named as faulty, and given positions that are
 right (to the error of the tape) and named as wrong. *Found*: channels with a fault, and wrong given positions, that are
-named. *Refused*: draws that are not calibrated, for a stated reason; they are neither right nor wrong.
+named. *Refused*: draws that fdcal refuses to calibrate, with the reason; they are neither right nor wrong.
 
 | scenario | draws | refused | right | right and good | good | good and wrong | accused | found |
 |---|---|---|---|---|---|---|---|---|
@@ -387,9 +386,9 @@ UNEXPLAINED = "not examined yet"
 
 
 def calibration_page(head: Head, rows: Any, name: str, stem: str, commands: str, cases: dict | None = None) -> str:
-    """Return the page of a study's file `name`; `rows` as of `read_results`, `stem`: of the page's file name.
+    """Return the page of a study's file `name`; `rows`: from `read_results`; `stem`: that of the page's file name.
 
-    `cases`: why draws are good and wrong: "cases", each with "scenario", "seed" and "why", and a "text" on them all.
+    `cases`: why draws are good and wrong: "cases", each with "scenario", "seed" and "why", and a "text" on all.
     """
     every, rows = rows, _scored(rows)
     names = [value for value in head.axes[SCENARIO] if np.any(every[SCENARIO] == value)]
@@ -434,9 +433,9 @@ def calibration_page(head: Head, rows: Any, name: str, stem: str, commands: str,
 
 
 def _scored(rows: Any) -> Any:
-    """Return the rows that are judged; refused draws have no scores."""
+    """Return the classified rows that have scores; refused draws have none."""
     if "inside" not in rows or not rows["inside"].notna().any():
-        problem = "the rows of this study say nothing of coverage"
+        problem = "the rows of this study have no figures of coverage"
         raise InputError(problem, "run it again with this fdcal", key="report")
     return statistics.classified(rows[rows["inside"].notna()])
 
@@ -497,7 +496,7 @@ def write_page(page: Path, head: Head, rows: Any, folder: str, commands: str) ->
     """Write the page of a study of scenarios, its rows as CSV beside it, and its figure into a folder `pictures`.
 
     `folder` has the results; `commands`: how the page is made, with the names study, folder and page in braces. Why a
-    draw is good and wrong cannot be computed: the page reads it from a file beside it that ends in .cases.toml.
+    draw is good and wrong cannot be computed: this is read from a file beside the page that ends in .cases.toml.
     """
     commands = commands.format(study="STUDY.toml", folder=folder, page=page)
     written = page.with_suffix(".cases.toml")

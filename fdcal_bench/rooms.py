@@ -1,4 +1,4 @@
-"""Arrays, sources and rooms by image sources (pyroomacoustics), which shares nothing with fdcal."""
+"""Arrays, sources and rooms by image sources (pyroomacoustics), independent of fdcal's own simulations."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ FAR = 4  # microphones of an array that come first and are far out, about a righ
 
 
 def draw_array(rng: np.random.Generator, count: int, radius: float, flat: bool = False) -> np.ndarray:
-    """Return microphones that keep apart, in a ball or a disc about the origin (N, 3), metres; FAR come first."""
+    """Return microphones (N, 3), metres, not too close together, in a ball or a disc about the origin, FAR first."""
     kept: list[np.ndarray] = []
     while len(kept) < count:
         x = rng.uniform(-radius, radius, 3) * (1, 1, not flat)
@@ -20,7 +20,7 @@ def draw_array(rng: np.random.Generator, count: int, radius: float, flat: bool =
 
 
 def draw_source(rng: np.random.Generator, room, centre) -> np.ndarray:
-    """Return a place 0.3 m from the walls of a room and 1.2 m from the middle of the array (3,), metres."""
+    """Return a place (3,), metres, at least 0.3 m from the walls and 1.2 m from the middle of the array."""
     while True:
         place = rng.uniform(0.3, np.array(room) - 0.3)
         if np.linalg.norm(place - centre) > 1.2:
@@ -42,14 +42,14 @@ def responses(places, source, reverberation: float, order: int, size, facing=Non
     room.add_microphone_array(places.T)
     room.compute_rir()
     rows = [np.asarray(row[0], float) for row in room.rir or ()]
-    out = np.zeros((len(rows), max(map(len, rows)) + RATE // 2))  # stopped half a second after it is silent
+    out = np.zeros((len(rows), max(map(len, rows)) + RATE // 2))  # half a second of silence follows
     for row, h in zip(out, rows, strict=True):
         row[: len(h)] = h
     return out
 
 
 def _cardioid(facing):
-    """A cardioid whose axis is a direction (3,)."""
+    """Return a cardioid whose axis is a direction (3,)."""
     from pyroomacoustics.directivities import Cardioid, DirectionVector
 
     azimuth, colatitude = np.arctan2(facing[1], facing[0]), np.arccos(facing[2] / np.linalg.norm(facing))

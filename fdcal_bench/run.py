@@ -1,4 +1,4 @@
-"""Run a study on Dask, own processes or a scheduler by its address, and keep its rows in a folder.
+"""Run a study on Dask, with its own processes or a given scheduler, and keep its rows in a folder.
 
 The folder holds the study's definition and a table of Parquet files, each written completely or not at all. Tasks are
 submitted in batches, a few for each worker at a time, so that a study of any length takes little memory. A batch whose
@@ -44,11 +44,11 @@ HEAD = "study.json"  # describes the study of this folder
 ROWS = "rows"  # folder of the table, which `pandas.read_parquet` reads as a whole
 PARTS = f"{ROWS}/part-*.parquet"
 LOCK = "study.lock"  # held by the run that writes
-COLUMNS = {  # those of every row, beside the axes; missing values are null
+COLUMNS = {  # columns of the table in addition to the axes; missing values are null
     "task": "int64",
     "draw": "int64",
     "seed": "int64",
-    "version": "string",  # these three as of `CodeVersion`
+    "version": "string",  # for these three see `CodeVersion`
     "source": "string",
     "commit": "string",
     "verdict": "string",
@@ -67,14 +67,14 @@ LOOPBACK = "127.0.0.1"
 
 @dataclass(frozen=True)
 class Head:
-    """What `study.json` says of the rows beside it."""
+    """The content of `study.json`, which describes the rows beside it."""
 
     digest: str  # of the study
     title: str
     count: int  # calibrations that are planned
     axes: Annotated[dict[str, Annotated[list, Meta(min_length=1)]], Meta(min_length=1)]
-    code: CodeVersion  # that computes the rows
-    about: list[str]  # what is the same at all points, in words
+    code: CodeVersion  # code that computes the rows
+    about: list[str]  # lines on what is the same at all points
 
 
 def read_head(folder: Path) -> Head:
@@ -124,7 +124,7 @@ class Results:
             self._require_own(read_head(self.folder), own, begun, resume)
         elif any(path.name != ROWS for path in self.folder.iterdir()):
             raise InputError(f"{folder} is not empty", "choose another folder", key="output")
-        if not begun:  # the first row makes the folder that of its study
+        if not begun:  # without rows the folder may be used for another study
             text = json.dumps(asdict(own), indent=1) + "\n"
             write_atomically(self.folder / HEAD, lambda file: file.write_text(text, encoding="utf-8"), force=True)
 
@@ -135,12 +135,12 @@ class Results:
             raise InputError(f"{self.folder} {problem}", remedy, key="output")
 
         if head.digest != own.digest:
-            refuse("holds another study", "choose another folder, or the study that it was begun with")
+            refuse("has results of another study", "choose another folder, or give that study")
         if begun and not resume:
-            refuse("holds results of this study", "add --resume to go on, or choose another folder")
+            refuse("has results of this study", "add --resume to continue, or choose another folder")
         if begun and head.code.source != own.code.source:
-            problem = f"holds results of other code ({head.code}; this is {own.code})"
-            refuse(problem, "choose another folder, or go on with that")
+            problem = f"has results of other code ({head.code}; this is {own.code})"
+            refuse(problem, "choose another folder, or continue with that code")
 
     def done(self) -> set[int]:
         """Return the numbers of the tasks whose rows are there."""
@@ -198,11 +198,11 @@ def read_results(folder: str | Path) -> tuple[Head, pandas.DataFrame]:
 class Batching:
     """How tasks are submitted and results written."""
 
-    batch_seconds: float = 1.0  # duration of a batch that is aimed at, s
-    max_batch: int = 200  # tasks of a batch at most
+    batch_seconds: float = 1.0  # intended duration of a batch, s
+    max_batch: int = 200  # largest number of tasks in a batch
     ahead: int = 3  # batches for each worker that are submitted and not finished
     write_seconds: float = 3.0  # s, interval at which results are written
-    write_rows: int = 2000  # number of results that are written before that
+    write_rows: int = 2000  # number of waiting results that are written before the end of the interval
     connect_seconds: float = 10.0  # a scheduler must answer within this time, s
 
 
@@ -211,10 +211,10 @@ BATCHING = Batching()
 
 @contextmanager
 def connected(workers: int, scheduler: str | None = None, dashboard: bool = False) -> Iterator[Client]:
-    """Yield a client of Dask, of the scheduler at an address or of own processes of one thread each on this machine.
+    """Yield a client of Dask: of the scheduler at an address, or of processes of one thread each on this machine.
 
-    A scheduler of Dask executes what any of its clients sends. Own processes listen on the loopback interface alone,
-    and to each other alone: they use TLS with a certificate that is in their memory and nowhere else. Each also has an
+    A scheduler of Dask executes what any of its clients sends. The processes started here listen on the loopback
+    interface only, and accept only each other: their TLS certificate exists only in their memory. Each also has an
     HTTP server, because Dask cannot omit it; only that of the scheduler answers, and only with `dashboard`.
     """
     if scheduler is not None:
@@ -268,7 +268,7 @@ def run_study(
     client: Client,
     progress: Callable[[float, str], None] | None = None,
 ) -> int:
-    """Compute the calibrations of a study that its folder lacks, write each row once, and return how many they were."""
+    """Compute the calibrations that the folder of a study lacks, write each row once, and return their number."""
     with results.held():
         done = results.done()
         before, tasks = len(done), study.tasks(done)
@@ -301,7 +301,7 @@ def run_study(
 
 
 def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], float]:
-    """Return the rows of some tasks, and the seconds that they took; it runs in a worker."""
+    """Return the rows of some tasks, and the seconds that they took; called in a worker."""
     began = time.monotonic()
     with one_blas_thread():
         rows = [run_task(study, number) for number in numbers]
@@ -311,7 +311,7 @@ def run_batch(study: Study, numbers: list[int]) -> tuple[list[dict[str, Any]], f
 def expected_seconds(study: Study, workers: int, samples: int = 3) -> float:
     """Return how long a study is expected to take, s, from a few calibrations spread over its points.
 
-    A first calibration is not counted: it simulates the room and loads compiled code, which the others share.
+    A first calibration is not counted: it simulates the room and loads compiled code for the others.
     """
     run_task(study, 0)
     numbers = [round(i * (study.count - 1) / max(samples - 1, 1)) for i in range(samples)]

@@ -15,7 +15,7 @@ from .cases import NAMES, Case
 
 Method = Callable[..., tuple[np.ndarray, np.ndarray | None] | None]
 REFERENCE = Path(__file__).parent / "reference.csv"
-FAILED = 0.5  # error over the size of an array
+FAILED = 0.5  # error over the size of an array, from which a method counts as failed
 
 
 @dataclass(frozen=True)
@@ -25,10 +25,10 @@ class Score:
     case: str
     draw: int
     method: str
-    size_mm: float  # of the array, RMS about its middle
+    size_mm: float  # size of the array, RMS about its middle
     error_mm: float  # RMS after the best rigid motion, a mirror image allowed; NaN where the method gave nothing
     claim_mm: float  # RMS of the method's own sigma; NaN without one
-    seconds: float  # of the processor
+    seconds: float  # processor time
 
     @property
     def failed(self) -> bool:
@@ -112,7 +112,7 @@ def table(scores: Iterable[Score]) -> str:
 
 
 def _cell(scores: list[Score]) -> str:
-    """Return the median error and claim, and how many failed; nothing where the method never gave anything."""
+    """Return the median error and claim, and how many failed; "" if the method never gave positions."""
     errors, claims = (np.array([getattr(one, key) for one in scores]) for key in ("error_mm", "claim_mm"))
     if not np.isfinite(errors).any():
         return ""

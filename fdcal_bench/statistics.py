@@ -1,9 +1,9 @@
-"""What the rows of a study say: success, error, error bars and verdicts, point by point.
+"""Figures from the rows of a study: success, error, error bars and verdicts, point by point.
 
 found     the error is below 5 mm, or three times the Cramer-Rao bound where that is larger
 trusted   the verdict is good
-wrong     trusted, and the error is above 5 mm and three times what was claimed, or that of one microphone above 10 mm
-          and five times
+wrong     trusted, and the error is above 5 mm and above three claimed sigmas, or that of one microphone above 10 mm
+          and above five sigmas
 good      trusted, and not wrong
 doubted   found, though not trusted
 lost      neither found nor trusted
@@ -24,7 +24,7 @@ from fdcal.model.validation import InputError
 
 LEVELS = (0.5, 0.8, 0.95, 0.99)  # probabilities of the ellipses that are counted
 BINS = 20  # of the rank histogram
-# What a row says of the error bars, and the type of each column; null without true positions or covariance
+# Columns on the error bars, and the type of each; null without true positions or covariance
 SCORES = {
     "judged": "int64",  # microphones that are sought, healthy and not named
     "inside": "string",  # JSON, how many of them are inside their ellipse of each of LEVELS
@@ -64,7 +64,7 @@ def classified(rows: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def selected(rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) -> pandas.DataFrame:
-    """Return the rows at which other axes have the values `at`, given as text; InputError for what the study lacks."""
+    """Return the rows at which axes have the values `at`, as texts; InputError for an unknown axis or value."""
     values = {}
     for key, text in at.items():
         if key not in axes:
@@ -82,7 +82,7 @@ def column_value(value: Any) -> Any:
 
 
 def rows_of(rows: pandas.DataFrame, values: Mapping[str, Any]) -> pandas.DataFrame:
-    """Return the rows at which axes have `values`, as of the axes of the study."""
+    """Return the rows at which axes have `values`, which the study lists for these axes."""
     found: Any = rows
     for name, value in values.items():
         found = found[found[name] == column_value(value)]
@@ -153,9 +153,10 @@ def scored(
 
 
 def clustered(counts: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a fraction and its standard error from draws (G,) of `sizes` items, `counts` (G, K) of which count.
+    """Return fractions (K,) of the items of all draws, and their standard errors.
 
-    The draws are independent, the microphones of one are not: sum_g (c_g - p n_g)^2 is the variance of the sum.
+    `counts` (G, K) are numbers of items in each draw, and `sizes` (G,) those of all its items. The draws are
+    independent, the microphones of one draw are not: sum_g (c_g - p n_g)^2 is the variance of the sum.
     """
     total, G = sizes.sum(), len(sizes)
     share = counts.sum(axis=0) / max(total, 1)

@@ -42,13 +42,13 @@ class Study:
 
     title: str
     draws: Count  # calibrations at every point, each with a seed of its own
-    axes: dict = field(default_factory=dict)  # at most a few thousand points; of scenarios their names
+    axes: dict = field(default_factory=dict)  # at most a few thousand points; for scenarios, their names
     scene: str = ""  # name or path of a scene's file; left out where the axis "scene" names several
-    seed: Seed = 0  # of the first draw
+    seed: Seed = 0  # seed of the first draw
     fixed: dict | None = None
     drawn: Drawn = Drawn()
     time_limit: Seconds = 60.0  # processor time of one calibration
-    scenarios: tuple[Scenario, ...] = ()  # of arrays and rooms that are drawn, in place of a scene and axes
+    scenarios: tuple[Scenario, ...] = ()  # arrays and rooms that are drawn, in place of a scene and axes
 
     OPTIONAL = ("title", "axes", "scene", "seed", "fixed", "drawn", "time_limit", "scenarios")
 
@@ -98,7 +98,7 @@ class Study:
 
     @property
     def scenes(self) -> list[str]:
-        """Names or paths of all its scenes; none of a study of scenarios."""
+        """Names or paths of all its scenes; empty for a study of scenarios."""
         if self.scenarios:
             return []
         return self.axes.get(SCENE, [self.scene])
@@ -132,7 +132,7 @@ class Study:
 
 
 def load_study(path: str | Path) -> Study:
-    """Return the study of a TOML file, checked as far as can be without calibrating."""
+    """Return the study of a TOML file, checked as far as possible without a calibration."""
     path = Path(path)
 
     def beside(scene: str) -> str:  # the full path of a scene that is a file beside the study
@@ -176,8 +176,8 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
 def reverberation_time(room: Room, duration: float) -> float:
     """Return the time, s, in which sound falls by 60 dB in recordings of a `duration`, s, weighted as a scene does.
 
-    The walls absorb as in a diffuse field (Eyring), with what they absorb at normal incidence. The window takes the
-    rest.
+    The walls absorb as in a diffuse field (Eyring), with their absorption at normal incidence. The result is never
+    longer than the decay of the window.
     """
     window = math.log(1e3) / SPECTRUM.decay * duration
     if room.walls != "absorbing" or not room.admittance:
@@ -193,7 +193,7 @@ def reverberation_time(room: Room, duration: float) -> float:
 
 
 def describe(study: Study) -> list[str]:
-    """Return in lines what is the same at all points of a study: rooms, walls, reverberation, and what is drawn."""
+    """Return lines on what is the same at all points of a study: rooms, walls, reverberation, and what is drawn."""
     lines, axes = [], study.axes
     for name in study.scenes:
         scene = scene_at(study, {**study.point(0), **({SCENE: name} if SCENE in axes else {})}, study.seed)
@@ -221,13 +221,13 @@ def describe(study: Study) -> list[str]:
     lines += [f"{room}: {'; '.join(names)}" for room, names in alike.items()]
     lines += [f"{key} = {value}" for key, value in (study.fixed or {}).items()]
     if study.drawn.source:
-        lines.append(f"the source at a random place, {study.drawn.least_distance:g} m from the microphones at least")
+        lines.append(f"the source at a random place, at least {study.drawn.least_distance:g} m from the microphones")
     return lines
 
 
 def _table_of(scene: str) -> dict:
     loaded = load_scene(scene)  # raises InputError for anything but a scene
     if isinstance(loaded, MeasuredScene):
-        problem = f"{loaded.name} is a measurement, and a study simulates"
+        problem = f"{loaded.name} is a measurement, but a study simulates"
         raise InputError(problem, "give a scene that is simulated", key="scene")
     return scene_table(scene)

@@ -1,6 +1,6 @@
 """One calibration of a study, as a row of its table.
 
-A draw of a scene is simulated, perhaps with its source at a random place; that of a scenario is drawn (`draw`).
+A draw of a scene is simulated, perhaps with its source at a random place; `draw` gives a draw of a scenario.
 """
 
 import time
@@ -96,7 +96,7 @@ def _sound_fields(scene: Scene) -> tuple[ModalPressures, ...]:
 
 
 def _with_source(study: Study, scene: Scene, seed: int) -> Scene:
-    """Return the scene with the source of a draw, where the study draws it."""
+    """Return the scene, with a source at a random place if the study asks for one."""
     if not study.drawn.source:
         return scene
     source, size = scene.source, scene.room.size

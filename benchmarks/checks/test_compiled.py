@@ -1,4 +1,4 @@
-"""What the search of descent and the maps compile is compiled beforehand, and lies on the disk."""
+"""`fdcal warm` compiles all that the search of descent and the maps need, and stores it on the disk."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
+"""docs/: its commands run, all that it names exists, and it names everything that a reader may look for."""
 
 import dataclasses
 import inspect

@@ -1,4 +1,4 @@
-"""How long runs of the lessons take on the page, by their steps and the speeds that they are given."""
+"""The time that runs of the lessons take on the page, from their steps and speeds."""
 
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement

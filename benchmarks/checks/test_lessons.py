@@ -1,4 +1,4 @@
-"""What the lessons say is so: each number in their texts, from the scenes that they show, and their laws."""
+"""The statements of the lessons are true: each number in their texts follows from the scenes that they show."""
 
 import numpy as np
 import pytest
@@ -198,13 +198,13 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_te
 
 
 def test_the_remaining_error_is_a_smooth_deformation(box):
-    """A polynomial of second degree explains most of the error of what are as good as free microphones."""
+    """A polynomial of second degree explains more than three quarters of the squared errors."""
     _, measurement, *_, (*_, staged) = box
     x, y = (measurement.positions - measurement.positions.mean(axis=0)).T
     error = staged.positions - measurement.positions
     smooth = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     rest = error - smooth @ np.linalg.lstsq(smooth, error, rcond=None)[0]
-    assert np.sum(rest**2) < 0.25 * np.sum(error**2), "of random errors 10 of 16 shares would be left"
+    assert np.sum(rest**2) < 0.25 * np.sum(error**2), "of random errors, 10 of 16 parts would be left"
 
 
 def test_moving_all_microphones_at_once_gets_beyond_the_grid(box, lesson_text):

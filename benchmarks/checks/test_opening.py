@@ -1,4 +1,4 @@
-"""The film of the opening is what its scene computes to: `docs/opening.py` has written it with this version."""
+"""The film of the opening equals what its scene gives now: `docs/opening.py` wrote it with this version."""
 
 import base64
 import json

@@ -1,4 +1,4 @@
-"""Pages whose commands take long, run from beginning to end: they print what they show."""
+"""The commands of pages, which take long, run from beginning to end, and print what the pages show."""
 
 import re
 import shutil

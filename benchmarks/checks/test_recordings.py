@@ -54,7 +54,7 @@ def test_a_source_that_is_carried_round_says_more_in_parts(tmp_path):
 
 
 def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(tmp_path):
-    """The known positions are doubted here: a false alarm, not a wrong claim."""
+    """The verdict doubts the known positions here, which is a false alarm and not a wrong claim."""
     t = np.arange(5 * FS) / FS
     sweep = chirp(t, 20, 5, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, 5 - t))
     played = np.concatenate([sweep, np.zeros(FS)])

@@ -1,4 +1,4 @@
-"""A generator of calibration cases, and their score. Their fields use no code of `fdcal`; the noise is drawn by it.
+"""A generator of calibration cases, and their score. `fdcal` draws the noise only; the fields use none of its code.
 
 families    lists of case descriptions, each fixed by its seed
 cases       a case description to the content of a measurement file and the truth

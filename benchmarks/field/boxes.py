@@ -5,7 +5,7 @@ import numpy as np
 from .constants import SOUND_SPEED
 
 FAINTEST = 1e-4  # amplitude of an image, relative to the loudest, below which it is left out
-BLOCK = 16  # wavenumbers at once
+BLOCK = 16  # number of wavenumbers computed at once
 RATE = 4000  # Hz, of pyroomacoustics
 
 

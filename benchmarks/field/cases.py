@@ -93,7 +93,7 @@ def calibration_study() -> Study:
 
 
 def _of_scenario(spec: Spec, scenario: Scenario) -> Case:
-    """The draw of a scenario, as `fdcal study` calibrates it."""
+    """Return the draw of a scenario, as `fdcal study` calibrates it."""
     drawn, file = draw(scenario, spec.seed), io.BytesIO()
     measurement = drawn.measurement
     save_measurement(measurement, file)
@@ -103,7 +103,7 @@ def _of_scenario(spec: Spec, scenario: Scenario) -> Case:
 
 
 def frequency_limit(spec: Spec, array: np.ndarray) -> float:
-    """Return the highest frequency that the array interpolates, Hz: Eq. 9, and its likes in space."""
+    """Return the highest frequency that the array interpolates, Hz: Eq. 9, and the corresponding limit in space."""
     count, radius = len(array), np.linalg.norm(array - array.mean(axis=0), axis=1).max()
     if spec.dimension == 2:
         return (count - 1) * SOUND_SPEED / (4 * np.pi * radius)
@@ -157,7 +157,7 @@ def _rectangle(placed: Placement, points, k) -> np.ndarray:
 
 
 def _peaks(spec: Spec, placed: Placement, reflection, highest: float, decay: float, rng) -> np.ndarray:
-    """The lowest local maxima of the mean power at a few microphones, Hz."""
+    """Return the lowest local maxima of the mean power at a few microphones, Hz."""
     lattice = np.arange(spec.lowest, highest, 0.5 if spec.dimension == 2 else 1.0)
     few = placed.points[rng.permutation(len(placed.points))[: 8 if spec.dimension == 2 else 4]]
     field = _field_of(spec, placed, reflection, order=5)
@@ -167,7 +167,7 @@ def _peaks(spec: Spec, placed: Placement, reflection, highest: float, decay: flo
 
 
 def _scatterer_centre(spec: Spec, placed: Placement, rng) -> np.ndarray:
-    """A place inside the array that no microphone is in."""
+    """Return a place inside the array where no microphone is."""
     offset = spec.scatterer_offset * placed.radius * np.array([1.0, 0.3])
     centre = placed.points.mean(axis=0) + offset
     while np.linalg.norm(placed.points - centre, axis=1).min() < spec.scatterer[0] + 0.02:
@@ -183,7 +183,7 @@ def _known(spec: Spec, truth: np.ndarray, rng) -> np.ndarray:
 
 
 def _table(spec: Spec, recording: Recording, array_dimension: int, takes, rng) -> dict[str, np.ndarray]:
-    """The measurement file's content, with noise."""
+    """Return the content of the measurement file, with noise."""
     pressures, noise = _with_noise(spec, recording, takes, rng)
     table = {
         "frequencies": recording.frequencies,
@@ -206,7 +206,7 @@ def _table(spec: Spec, recording: Recording, array_dimension: int, takes, rng) -
 
 
 def _with_noise(spec: Spec, recording: Recording, takes, rng) -> tuple[np.ndarray, np.ndarray | None]:
-    """Pressures (M, N) with noise, and its power (M,); None where nothing is known of it."""
+    """Return pressures (M, N) with noise, and the power of the noise (M,), None if it is not known."""
     pressures, power = recording.pressures, recording.power
     if spec.snr is None:
         return pressures, np.zeros(len(power)) if spec.noise == "reported" else None

@@ -192,7 +192,7 @@ def _base(i, r, seed) -> dict:
 
 @family(32)
 def knownfault(n):
-    """Given positions that are wrong, and swapped channels."""
+    """Wrong given positions, and swapped channels."""
     out = []
     F = [
         ["known_error", 0.01],
@@ -413,7 +413,7 @@ def blindcircle(n):
 
 @family(16)
 def knownnear(n):
-    """Known microphones that are neighbours: the rest is extrapolated, the side nearly open."""
+    """Known microphones that are neighbours: the rest is extrapolated, and the mirror image fits nearly as well."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 21, i])
@@ -501,7 +501,7 @@ def oneaway(n):
 
 
 def _of_scenarios(scenarios: list[Scenario], seed: int) -> list[dict]:
-    """Cases that are one draw each of scenarios as of a study."""
+    """Return cases, each of which is a draw of a scenario of a study."""
     return [
         dict(
             seed=seed + i,

@@ -1,4 +1,4 @@
-"""What goes wrong in a case. Each function takes the recording, its size and a generator, and returns it changed."""
+"""Faults of a case. Each function gets the recording, a size and a generator, and returns the changed recording."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Recording:
 
     @property
     def free(self) -> np.ndarray:
-        """Microphones whose positions are not given."""
+        """Return the microphones whose positions are not given."""
         return np.setdiff1d(np.arange(self.pressures.shape[1]), self.known)
 
     def with_channel(self, n: int, factor) -> Recording:
@@ -83,7 +83,7 @@ def channel_swap(recording: Recording, size: float, rng) -> Recording:
 
 
 def polarity(recording: Recording, size: float, rng) -> Recording:
-    """One channel is inverted: of a microphone that is sought, or of a given one where `size` is not 0."""
+    """One channel is inverted: that of a microphone that is sought or, if `size` is not 0, of a given one."""
     return recording.with_channel(int(rng.choice(recording.free if size == 0 else recording.known)), -1.0)
 
 

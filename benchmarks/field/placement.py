@@ -75,7 +75,7 @@ def _radius(points) -> float:
 
 
 def _with_source(spec: Spec, placed: Placement, rng) -> Placement | None:
-    """`placed` with the source that the spec wants; None where the draw does not allow it."""
+    """Return `placed` with the source that the spec wants; None if the draw does not allow it."""
     points, middle = placed.points, placed.points.mean(axis=0)
 
     def nearest(source) -> float:
@@ -97,7 +97,7 @@ def _with_source(spec: Spec, placed: Placement, rng) -> Placement | None:
 
 
 def _beside(placed: Placement, middle, nearest, rng) -> np.ndarray:
-    """A source 0.3 m from the nearest microphone, outside the array."""
+    """Return a source 0.3 m from the nearest microphone, outside the array."""
     direction = rng.standard_normal(len(middle))
     direction /= np.linalg.norm(direction)
     source = middle

@@ -1,4 +1,4 @@
-"""One case, and many: what a reader makes of broken files. `python -m benchmarks.fuzzing.examine NAME FIRST COUNT`."""
+"""How a reader handles broken files: one case, and many. `python -m benchmarks.fuzzing.examine NAME FIRST COUNT`."""
 
 import contextlib
 import json
@@ -45,7 +45,7 @@ def _alarm() -> Iterator[None]:
 
 
 def fault_of(reader: Reader, path: Path) -> str:
-    """Return what is wrong with how `reader` takes the file; "" if it reads it, or refuses it in one line."""
+    """Return what is wrong with how `reader` handles the file; "" if it reads it, or refuses it in one line."""
     before, memory = sorted(path.parent.iterdir()), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     try:
         with _alarm():
@@ -77,7 +77,7 @@ def faults(name: str, first: int, count: int) -> list[str]:
 
 
 def faults_apart(name: str, first: int, count: int) -> list[str]:
-    """Return what `faults` returns, from a process of its own, which a C library may end."""
+    """Return `faults`, computed in a separate process, because a C library may crash."""
     command = [sys.executable, "-m", "benchmarks.fuzzing.examine", name, str(first), str(count)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
     if run.returncode:

@@ -1,4 +1,4 @@
-"""What a hostile page sends to `fdcal view`, from a seed, while an honest one wants answers.
+"""Messages that a hostile page sends to `fdcal view`, from a seed, while an honest page must get answers.
 
 A case is one connection and the messages that it sends: messages of the page's own kinds with odd values, of kinds that
 only a server sends, with bytes broken, and no messages at all. After every tenth case the scene has to take on the
@@ -37,9 +37,9 @@ DRAG = {**NODE, "start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "ins
 
 
 def hostile_messages(rng: np.random.Generator, uuids: list[str]) -> list[bytes | str]:
-    """Return what one hostile connection sends.
+    """Return the messages of one hostile connection.
 
-    Every second one begins as a page does, with its camera, and sends whole messages alone: the server keeps it.
+    Every second one begins as a page does, with its camera, and sends complete messages, so that it stays connected.
     """
     whole = bool(rng.integers(2))
     first: list[bytes | str] = [_encoded(_broken_message({**CAMERA}, rng), rng)] if whole else []
@@ -98,7 +98,7 @@ def _base_message(rng: np.random.Generator, uuids: list[str]) -> dict:
 
 
 def _broken_message(message: dict, rng: np.random.Generator) -> dict:
-    """Return a message with up to two keys given an odd value, taken out, or added."""
+    """Return a message in which up to two keys have a strange value, or are removed or added."""
     for _ in range(int(rng.integers(0, 3))):
         key = sorted(message)[int(rng.integers(len(message)))]
         kind, odd = int(rng.integers(5)), ODD[int(rng.integers(len(ODD)))]

@@ -1,4 +1,4 @@
-"""How a file is broken: bytes, numbers in a text, members and arrays of an archive."""
+"""Ways to break a file: its bytes, numbers in a text, members and arrays of an archive."""
 
 import io
 import re

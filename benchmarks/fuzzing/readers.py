@@ -1,4 +1,4 @@
-"""Each reader with files that it reads, and what must hold of whatever it returns."""
+"""Each reader with a file that it reads, and the checks of what it returns."""
 
 import tempfile
 import warnings

@@ -600,7 +600,7 @@ def test_a_page_of_a_study_of_axes_is_refused_before_anything_is_written(tmp_pat
     (tmp_path / "mine.toml").write_text('scene = "tiny"\ndraws = 1\n[axes]\nsnr_db = [20, 40]\n')
     Results("found", load_study("mine.toml"), False).append(rows_by({}, range(2)))
     line = refusal(capsys, "--report", "found", "--page", "page.md")
-    assert line.endswith("a page is of a study of scenarios; use --report without --page")
+    assert line.endswith("only a study of scenarios has a page; use --report without --page")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["found", "mine.toml"]
 
 
