@@ -40,9 +40,9 @@ FEWER_FRAMES = """{
 
 @contextlib.contextmanager
 def serving_here(scene=None, port=0, lessons=(), play=False):
-    """Serve a scene's page from a thread of this process, which saves another one's imports; give its address.
+    """Serve a scene's page from a thread of this process, which saves imports; yield its address.
 
-    It has a session, controls and panels of its own. Without a scene the opening plays.
+    The page has its own session, controls and panels. Without a scene the opening plays.
     """
     stop, address = threading.Event(), Queue()
     request = None if scene is None else OpenRequest(scene, play=play)
@@ -57,14 +57,14 @@ def serving_here(scene=None, port=0, lessons=(), play=False):
 
 
 def unhurried(page):
-    """Let a page draw, and look for what is waited for, less often than 60 times a second."""
+    """Make a page draw, and check conditions, less often than 60 times per second."""
     page.add_init_script(FEWER_FRAMES)
     page.wait_for_function = functools.partial(page.wait_for_function, polling=100)
     page.set_default_timeout(WAIT * 1e3)
 
 
 def is_fault(message):
-    """Whether a console message is an error. A control that changes and is removed within one frame is none of ours."""
+    """Return whether a console message is an error; one about a control that was removed meanwhile is not."""
     return message.type == "error" and not message.text.startswith("Tried to update non-existent component")
 
 
@@ -81,9 +81,9 @@ def opened_page(context, address, query=COARSE):
 
 
 def until(page, holds):
-    """Wait until a function of the tests that looks at the page no longer fails; in the end, fail as it does.
+    """Wait until a function of the tests that checks the page no longer fails; after WAIT, raise its last error.
 
-    What follows from a press (the server's answer, the layout, a size that the page's script measures) comes later.
+    The effects of a press (answer of the server, layout, sizes measured by the page's script) come later.
     """
     for _ in range(int(WAIT / 0.1)):
         try:
@@ -100,7 +100,7 @@ def begin_anew(page):
 
 
 def press(page, name):
-    """Press a button, as soon as there is one of that name: while a session takes another's place there are two."""
+    """Press a button as soon as exactly one has that name; while one session replaces another there are two."""
     from playwright.sync_api import Error, expect
 
     button = page.get_by_role("button", name=name, exact=True)
@@ -114,7 +114,7 @@ def press(page, name):
 
 
 def trigger(button):
-    """Press a button without waiting for it to stand still: on a busy machine a page may get no frame for a minute."""
+    """Press a button without waiting until it stops moving: on a busy machine a page may get no frame for a minute."""
     button.wait_for()
     button.evaluate("element => element.click()")
 
@@ -141,7 +141,7 @@ STANDS = """([x, y, z]) => {
 
 
 def on_screen(page, scene, points):
-    """Pixels of the page at which points (P, 3), metres, appear from the top, once the camera stands there."""
+    """Return the pixels at which points (P, 3), metres, appear in the view from the top, once the camera has it."""
     picture = compose(scene, cached_measurement(scene))
     for _ in range(int(WAIT / 0.1)):
         box = page.locator("canvas").first.bounding_box()
@@ -155,7 +155,7 @@ def on_screen(page, scene, points):
 
 
 def hover(page, pixel):
-    """Bring the pointer over a microphone; the page shows that it has noticed by another pointer."""
+    """Move the pointer over a microphone, until the page changes the shape of the pointer."""
     over = "[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')"
     fixed = pixel
     where = pixel if callable(pixel) else lambda: fixed  # a function where the camera may still be on its way

@@ -1,4 +1,4 @@
-"""Fixtures that several test files share, and what decides whether a browser or GL test may be skipped."""
+"""Fixtures of several test files, and the rule whether a browser or GL test may be skipped."""
 
 import functools
 import gc
@@ -49,7 +49,7 @@ PAINTER = re.compile(r"def \w+\([^)]*\b(painted|one_painter)\b")
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory) -> Path:
-    """A disk cache of this run's own, so that no test reads what an older version computed.
+    """A disk cache for this run only, so that no test reads what an older version computed.
 
     All workers share it, so that each scene is simulated once. Commands run by tests use it, too, and this checkout's
     code. Where Python may write no bytecode beside the source, these commands have theirs here: there are hundreds of
@@ -70,29 +70,29 @@ APART = libraries.call
 
 @pytest.fixture(scope="session", autouse=True)
 def readers_here():
-    """Files are read in this process, and not each by one of its own: all but a few of a test are in order."""
+    """Read files in this process instead of a separate one for each, because few files of the tests are damaged."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(libraries, "call", called_here)
         yield
 
 
 def called_here(function, *arguments, **limits):
-    """What `libraries.call` returns, without a process; it passes copies, too."""
+    """Replace `libraries.call` by a call in this process, which also passes copies."""
     function, arguments = pickle.loads(pickle.dumps((function, arguments)))
     return function(*arguments)
 
 
 @pytest.fixture
 def apart(monkeypatch) -> None:
-    """Files that may crash a library are read by a process of its own, as a user's are."""
+    """Read files that may crash a library in a separate process, as for a user."""
     monkeypatch.setattr(libraries, "call", APART)
 
 
 @pytest.fixture(scope="module", autouse=True)
 def few_random_starts(request):
-    """The search for starts tries two random ones at most, except where it is what is tested.
+    """Limit the search for starts to two random ones, except in tests of this search.
 
-    Where a channel or a given position is wrong few starts agree, and it would try dozens.
+    If a channel or a given position is wrong, few starts agree, and the search would try dozens.
     """
     with pytest.MonkeyPatch.context() as patch:
         if request.path.name != "test_starts.py":
@@ -113,16 +113,16 @@ def tiny(cache, scene):
 
 @pytest.fixture(scope="session")
 def kernels() -> None:
-    """What a page compiles, here and on disk: no test that waits for a session waits for a compiler, too."""
+    """Compile what a page needs, so that no test that waits for a session also waits for a compiler."""
     for _, compile_piece in warmup_calls("joint"):
         compile_piece()
 
 
 @pytest.fixture(scope="module")
 def remembered_runs(cache):
-    """A run of the same problem with the same settings and seed is made once, and assessed each time.
+    """Make a run of the same problem with the same settings and seed only once, and assess it each time.
 
-    For tests of what becomes of options and results; not for those of the run itself. All workers share the ends.
+    This is for tests of options and results, not of the run itself. All workers use the same ends of runs.
     """
     run, folder = calibration_run.last_state, cache / "runs"
     folder.mkdir(exist_ok=True)
@@ -148,7 +148,7 @@ def remembered_runs(cache):
 
 @pytest.fixture
 def quick_import(monkeypatch):
-    """Recordings give at most 100 rows and no short windows: a calibration takes a fraction of its time."""
+    """Limit recordings to 100 rows without short windows, so that a calibration takes a fraction of its time."""
     monkeypatch.setattr(frequencies, "ROWS", replace(frequencies.ROWS, min_of_array=40, max_of_array=100))
     monkeypatch.setattr(importer, "short_windows", lambda *_: None)
 
@@ -218,14 +218,14 @@ def _edit(text: str, changes: dict[str, str | None]) -> str:
 
 
 def pytest_collection_finish() -> None:
-    """Take what is loaded out of the sight of the garbage collector."""
+    """Exclude the objects that exist now from garbage collection."""
     gc.collect()
     gc.freeze()
 
 
 @functools.cache
 def shared_by(path: Path) -> str:
-    """What the tests of a file share with those of other files; "" for nothing."""
+    """Return what the tests of a file have in common with those of other files; "" for nothing."""
     text = path.read_text(encoding="utf-8")
     if path.parent.name == "in_browser":
         return "page"
@@ -237,7 +237,7 @@ def has_browser(path: Path) -> bool:
 
 
 class FewBrowsers(LoadFileScheduling):
-    """Each file's tests on one worker, and on one those of all files that share a page, a browser or a painter."""
+    """Run the tests of a file on one worker, and on one those of all files that use the same page or process."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
@@ -246,23 +246,23 @@ class FewBrowsers(LoadFileScheduling):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than there are cores: the one with the browser waits for a third of its time."""
+    """Return one more than the number of cores, because the worker with the browser waits a third of its time."""
     return (os.cpu_count() or 1) + 1
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Share the files out to the workers."""
+    """Distribute the files to the workers."""
     return FewBrowsers(config, log)
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses
 def pytest_collection_modifyitems(items) -> None:
-    """Mark what is slow, and begin with the browser tests, then with the files that take longest: workers end together.
+    """Mark slow tests, and begin with browser tests and the longest files, so that all workers end together.
 
     The browser tests of a folder, which may share a page, stay together, in the order of their names.
 
-    Slow are the tests of slow.txt, which .ci/slow.py writes from the durations of a run, and those in a browser.
+    Tests in a browser are slow, and those in slow.txt, which .ci/slow.py writes from the durations of a run.
     """
     lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
     slow = {name: float(seconds) for name, seconds in map(str.split, lines)}
@@ -277,7 +277,7 @@ def pytest_collection_modifyitems(items) -> None:
 
 
 def _missing(reason: str) -> None:
-    """Skip, but fail where CI is set: there a test that cannot run is a fault."""
+    """Skip the test; with CI in the environment fail instead, because there every test must run."""
     if os.environ.get("CI"):
         pytest.fail(reason)
     pytest.skip(reason)
@@ -348,7 +348,7 @@ def painted(cache):
 
 @pytest.fixture
 def one_painter(painted, monkeypatch):
-    """Snapshots of this process are drawn by the process of `painted`, and not by a new one each."""
+    """Draw the snapshots of this process in the process of `painted` instead of a new one for each."""
 
     def render_png(picture, size, view):
         png = io.BytesIO()

@@ -37,7 +37,7 @@ def room_frequencies(highest, sound_speed=343.0, size=(6.0, 5.0), apart=1.5):
 
 
 def with_noise(pressures, snr_db, rng):
-    """Pressures (M, N) and complex noise so far below the mean power of each mode, and the power of the noise (M,)."""
+    """Return pressures (M, N) with complex noise at an SNR in each mode, and the power of the noise (M,)."""
     noise = np.mean(np.abs(pressures) ** 2, axis=1) * 10 ** (-snr_db / 10)
     draws = rng.standard_normal((2, *pressures.shape))
     return pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1]), noise
@@ -73,7 +73,7 @@ def plane_wave(points, k, angle):
 
 
 def plane_wave_coefficients(k, angle, order, centre):
-    """Its coefficients by Jacobi and Anger: exp(-j z cos t) = sum (-j)^l J_l(z) exp(j l t)."""
+    """Return the coefficients of a plane wave by Jacobi and Anger: exp(-j z cos t) = sum (-j)^l J_l(z) exp(j l t)."""
     l = np.arange(-order, order + 1)  # noqa: E741
     return (-1j) ** l * np.exp(-1j * l * angle) * plane_wave([centre], k, angle)
 

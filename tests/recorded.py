@@ -1,4 +1,4 @@
-"""Recordings of a room by image sources (pyroomacoustics), which shares nothing with fdcal."""
+"""Recordings of a room by image sources (pyroomacoustics), independent of fdcal."""
 
 from functools import cache
 from pathlib import Path
@@ -12,7 +12,7 @@ ROOM, SOURCE, CENTRE = (5.0, 4.0, 3.0), (4.3, 3.4, 0.8), (2.2, 1.8, 1.5)  # m
 
 
 def too_large() -> None:
-    """A reader that says of any error that the file is damaged; its process imports this module."""
+    """A reader that reports any error as damage of the file; its process imports this module."""
     try:
         bytearray(10**12)
     except MemoryError as error:
@@ -52,7 +52,7 @@ def responses(count: int = 24, source: tuple[float, ...] = SOURCE) -> np.ndarray
 
 
 def noisy(samples: np.ndarray, snr_db: float, seed: int = 1) -> np.ndarray:
-    """`samples` (N, T) and white noise so far below the power in the band from 20 to 400 Hz, where white, too."""
+    """Return `samples` (N, T) with white noise at an SNR, dB, in the band from 20 to 400 Hz."""
     rng = np.random.default_rng(seed)
     f = np.fft.rfftfreq(samples.shape[1], 1 / FS)
     power = np.mean(np.abs(np.fft.rfft(samples)[:, (f > 20) & (f < 400)]) ** 2) / samples.shape[1]

@@ -1,4 +1,4 @@
-"""What a replay holds, read from its HTML, and how tests open one in a browser."""
+"""Readers of the HTML of a replay, and how tests open one in a browser."""
 
 import base64
 import json
@@ -66,7 +66,7 @@ def contents(text):
 
 
 def wait_for(page, condition):
-    """Wait for a condition of JavaScript; a replay's content security policy keeps `wait_for_function` out."""
+    """Wait for a condition of JavaScript; a replay's content security policy forbids `wait_for_function`."""
     for _ in range(600):
         if page.evaluate(condition):
             return
@@ -76,7 +76,7 @@ def wait_for(page, condition):
 
 @contextmanager
 def offline_page(browser, path=None, address="", ready="Boolean(window.replay?.map)", script=""):
-    """A page of a browser without a network, of a file once it is `ready`, closed in the end; it reports no fault."""
+    """Yield a page without a network that shows a file and is `ready`; at the end, check that it reports no fault."""
     faults, page = [], browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
     page.on("pageerror", lambda error: faults.append(str(error)))
     page.on("console", lambda message: faults.append(message.text))

@@ -1,4 +1,4 @@
-"""Commands of `fdcal`, run in this process, which saves the time to start another and to load the libraries."""
+"""Commands of `fdcal`, run in this process, which saves the start of another one and the loading of libraries."""
 
 import contextlib
 import io

@@ -1,4 +1,4 @@
-"""Runs of a solver to their end, with what the assessment says of it."""
+"""Runs of a solver to their end, with the assessment of the end."""
 
 import hashlib
 import json
@@ -23,7 +23,7 @@ from fdcal.viewer import opening
 
 @dataclass(frozen=True)
 class Solved:
-    """The end of a run: problem, last state, what the solver reports of it, and the assessment of that."""
+    """The end of a run: problem, last state, the estimate of the solver, and its assessment."""
 
     problem: Problem
     state: Any
@@ -41,7 +41,7 @@ ENDS: dict[bytes, Solved] = {}  # of this process: many tests start from the sam
 
 
 def solved(measurement, solver: str = "robust", **settings) -> Solved:
-    """Solve `measurement`, with all of its modes unless `modes` says otherwise; the same again is not solved again."""
+    """Solve `measurement`, by default with all of its modes; a repeated call returns the earlier result."""
     chosen = SolverSettings(**{"name": solver, "modes": len(measurement.frequencies), **settings})
     key = hashlib.sha256(pickle.dumps((measurement, chosen, starts.RANDOM_STARTS))).digest()
     if key not in ENDS:
@@ -53,7 +53,7 @@ def solved(measurement, solver: str = "robust", **settings) -> Solved:
 
 
 def estimated_at(measurement, positions=None, modes: int | None = None, **settings) -> Estimate:
-    """What a solver reports of an end at `positions`, the true ones unless given, whoever found them."""
+    """Return the estimate of a solver at `positions`, by default the true ones."""
     positions = measurement.positions if positions is None else positions
     chosen, used = SolverSettings(name="descent", **settings), slice(0, modes or len(measurement.frequencies))
     return estimate_at(measurement.problem("unit", "all"), chosen, positions, used, True)
@@ -88,7 +88,7 @@ def same(one, other, but=()) -> bool:
 
 
 def saved_and_read(problem, state):
-    """What a session file gives back of a state."""
+    """Return a state after it was saved in a session file and read again."""
     table, arrays = write_states([state])
     (read,) = read_states(json.loads(json.dumps(table)), arrays, problem, state.settings.name, 1)
     return read
@@ -100,5 +100,5 @@ def rms(found, truth, chosen=slice(None)) -> float:
 
 
 def rms_of_shape(found, truth) -> float:
-    """The same after the best rigid motion of the whole."""
+    """Return the root mean square distance after the best rigid motion of the whole array."""
     return rms(align(found, truth), truth)

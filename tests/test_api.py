@@ -47,7 +47,7 @@ def test_known_microphones_by_name_by_number_and_by_position_are_the_same(tiny, 
 
 @pytest.mark.parametrize(("solver", "corrected"), [("joint", 0.0), ("robust", 1e-3)])
 def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
-    """Exactly by solver joint; solver robust takes it as measured, and corrects it by less than a millimetre here."""
+    """Solver joint keeps it exactly; solver robust corrects it, here by less than a millimetre."""
     moved = {n: tiny.positions[n] + 0.5 for n in (1, 3, 10)}  # the whole array elsewhere
     again = fdcal.calibrate(tiny, known=moved, solver=solver, modes=12)
     for n, place in moved.items():
@@ -77,7 +77,7 @@ def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, function, argu
 
 
 def test_one_excluded_microphone_is_written_as_a_list(tiny):
-    """A text is not taken apart into letters, which would leave out other microphones."""
+    """A text is not split into letters, which would exclude other microphones."""
     for read in (lambda: fdcal.calibrate(tiny, exclude="12"), lambda: fdcal.load("tiny", exclude="12")):
         refuses(r"put names or numbers into a list: exclude = \['12'\]", read)
     assert fdcal.load("tiny", exclude=["12"]).names == tuple(str(n) for n in range(16) if n != 12)

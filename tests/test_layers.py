@@ -1,4 +1,4 @@
-"""The plan of the house: which package imports which, and what may appear where. Read from the source, never run."""
+"""The architecture: which package imports which, and what may appear where; found by reading the source."""
 
 import ast
 import pkgutil
@@ -121,7 +121,7 @@ def test_a_library_stays_in_its_home():
     ("owner", "name", "target"), [(o, n, t) for o, m in fdcal.METHODS.items() for n, t in m.items()]
 )
 def test_a_method_that_is_bound_at_the_root_is_there(owner, name, target):
-    """And its module comes after that of its class, or it would stand in the class."""
+    """Its module belongs to a higher package than its class; otherwise the method would stand in the class."""
     assert fdcal.Calibration and fdcal.Measurement and fdcal.landscape
     module = owner.partition(":")[0]
     own = getattr(pkgutil.resolve_name(f"fdcal.{owner}"), name)
@@ -134,7 +134,7 @@ def of_packages(*packages: str) -> list[Path]:
 
 
 def test_assessment_reads_what_every_solver_reports():
-    """What solvers have in common and nothing of a single one, so that one can be added."""
+    """It reads what solvers have in common and nothing of a single one, so that a solver can be added."""
     for path in of_packages("assessment"):
         inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
         assert inside <= {"interface", "requirements"}, f"{name_of(path)} imports {sorted(inside)}"
@@ -167,7 +167,7 @@ def compared_texts(node: ast.AST) -> set[str]:
 
 
 def test_no_decision_depends_on_the_name_of_a_solver():
-    """Others ask for the traits of a solver (`fdcal.solvers.interface.Traits`), so that one can be added."""
+    """Other code asks for the traits of a solver (`fdcal.solvers.interface.Traits`), so that one can be added."""
     for path in of_packages(*(package for package in PACKAGES if package != "solvers")):
         for node in nodes(path):
             assert not compared_texts(node) & SOLVERS, f"{name_of(path)}:{node.lineno}"

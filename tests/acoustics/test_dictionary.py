@@ -21,7 +21,7 @@ WAVENUMBERS = [0.5, 5.0, 7.3 - 0.02j]
 
 
 def test_order_and_highest_frequency_follow_eqs_3_and_9():
-    """Section 5: 4950 Hz for array 1, R = 0.35 m, c = 340 m/s. In space there is a function for each microphone."""
+    """Section 5: 4950 Hz for array 1, R = 0.35 m, c = 340 m/s. In space the limit is one function per microphone."""
     np.testing.assert_array_equal(dictionary.max_order(np.array([0.5, 5.0, 5.01 - 2j]), 0.8), [1, 4, 5])
     assert dictionary.max_order(5.0, 0.8, offset=2) == 6
     assert dictionary.f_max(65, 0.35, 340.0) == pytest.approx(4950, rel=1e-3)
@@ -135,7 +135,7 @@ FREQUENCIES = np.array([37.0, 210.0, 640.0])
 
 
 def waves(count: int, seed: int = 1) -> plane_waves.SdmResponse:
-    """Waves from random directions, one each sample."""
+    """Return waves from random directions, one for each sample."""
     rng = np.random.default_rng(seed)
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -212,7 +212,7 @@ def response_file(tmp_path):
 
 
 def test_an_element_of_an_unknown_type_is_refused(response_file, apart):
-    """SciPy's compiled reader takes the type as an index and ends its process on some of these."""
+    """SciPy's compiled reader uses the type as an index, and some values crash its process."""
     data = bytearray(response_file.read_bytes())
     tag = data.index(b"azi_rad") + 8  # of the values
     assert data[tag] == 9, "double"

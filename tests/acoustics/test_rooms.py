@@ -34,7 +34,7 @@ def room(request):
 
 @pytest.mark.parametrize("k", K)
 def test_the_field_solves_helmholtz_to_second_order(room, k):
-    """The one k of the field is the one asked for: the error of the finite differences falls with their square."""
+    """The field has the requested k: the error of the finite differences falls with the square of their step."""
 
     def fault(h):
         p, sums = point_source_pressures(room, SOURCE, PLACES, [k])[0], 0
@@ -48,7 +48,7 @@ def test_the_field_solves_helmholtz_to_second_order(room, k):
 
 
 def test_every_wall_has_its_condition(room):
-    """Outwards dp/dn = -j k beta p, with beta = 0 for a rigid wall; p = 0 where there is no pressure."""
+    """The outward dp/dn is -j k beta p, with beta = 0 for a rigid wall; p = 0 at a pressure-release wall."""
     inside = np.array([0.7, 0.8, 0.6])
     for axis in range(3):
         for wall, inward in ((0.0, 1.0), (SIZE[axis], -1.0)):
@@ -83,7 +83,7 @@ def images(places, source, size, k, sign, reach):
 @pytest.mark.parametrize(("walls", "sign"), [("rigid", 1.0), ("pressure-release", -1.0)])
 @pytest.mark.parametrize("k", [0.9 - 0.5j, 5.2 - 0.5j])
 def test_image_sources_agree(walls, sign, k):
-    """Image by image the field of the same room, no eigenfunction in it; what lies beyond `reach` is below 1e-7."""
+    """The sum over image sources uses no eigenfunction; images beyond `reach` contribute less than 1e-7."""
     expected = images(PLACES[:3], SOURCE, SIZE, k, sign, reach=45.0)
     found = point_source_pressures(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]
     np.testing.assert_allclose(found, expected, rtol=1e-6)

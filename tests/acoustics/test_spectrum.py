@@ -33,7 +33,7 @@ def picked_modes(recordings, fs, lowest, highest, prominence_db, resolution):
 
 
 def eigenfrequencies(scene):
-    """Of the rigid rectangle on the grid, Hz, ascending, each once."""
+    """Return the eigenfrequencies of the rigid rectangle on the grid, Hz, ascending, each once."""
     h, fs = scene.room.cell, scene.source.sample_rate
     nx, ny = (round(length / h) for length in scene.room.size)
     m, n = np.meshgrid(np.arange(nx), np.arange(ny))
@@ -92,7 +92,7 @@ def test_what_has_no_spectrum_is_refused(scene, call, words):
 
 @pytest.mark.parametrize("s", [0.0, 3.0])
 def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
-    """Averaged over the directions, the frequency that the scheme gives |k| is the one that gave k."""
+    """On average over directions, a plane wave of |k| has the frequency in the scheme from which k was computed."""
     f, c, h, fs = np.array([20.0, 400.0, 2000.0]), 343.0, 0.02, 28590.0
     k = spectrum.wavenumber_discrete(f, s, c, h, fs)
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)

@@ -1,4 +1,4 @@
-"""The verdict on what a solver has found: every row of the table, their order, what must and must not be reported."""
+"""The verdict on the result of a solver: every row of the table, their order, what must and must not be reported."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def solved(healthy):
 
 @pytest.fixture(scope="module")
 def estimate(solved) -> Estimate:
-    """A healthy array, with the likeliest of its optima alone, so that nothing but what a test changes is found."""
+    """A healthy array with its likeliest optimum only, so that only the changes of a test are found."""
     found = robust.result(*solved)
     return replace(found, tried=(TriedOptimum(found.positions, 0.0, True),))
 
@@ -112,7 +112,7 @@ def with_stretching(e: Estimate, sigma: float) -> Estimate:
 
 
 def with_tried(e: Estimate, *scores: float, apart: float = 0.1) -> Estimate:
-    """The likeliest optimum and others, `apart` metres from it and from each other, by so much less likely."""
+    """Return an estimate with other optima, `apart` metres from the likeliest and from each other, and less likely."""
     rng = np.random.default_rng(0)
     others = [e.positions + apart * rng.normal(size=e.positions.shape) for _ in scores]
     tried = [TriedOptimum(x, score, True) for x, score in zip(others, scores, strict=True)]
@@ -124,7 +124,7 @@ def with_newton(e: Estimate, factor: float) -> Estimate:
 
 
 def with_loose_given(e: Estimate) -> Estimate:
-    """One given position that nothing but its own prior holds."""
+    """Return an estimate in which one given position is held only by its own prior."""
     newton, n, D = np.array(e.spread.newton), e.problem.known[0], e.positions.shape[1]
     block = slice(D * n, D * n + D)
     newton[block, :] = newton[:, block] = 0.0
@@ -177,7 +177,7 @@ EVERY_ROW = [pytest.param(n, id=f"{n}-{ROWS[n][0]}") for n in range(len(ROWS))]
 
 @pytest.fixture
 def begun(estimate, blind):
-    """Function of rows of the table: the estimate that these rows alter."""
+    """Function that maps rows of the table to the estimate that these rows alter."""
     return lambda *chosen: blind if BLIND in chosen else estimate
 
 
@@ -290,7 +290,7 @@ def test_the_loosest_given_microphone_does_not_depend_on_its_own_prior(estimate)
 
 
 def test_given_positions_that_are_wrong_leave_the_others_to_place_the_array(estimate):
-    """Of four in the plane three suffice; two do not, and then nothing is known of any."""
+    """In the plane three of four suffice; with two right ones, none of them can be judged."""
     names, seen = [str(n) for n in range(len(estimate.positions))], []
     with_probability = replace(estimate.given, probability=lambda kept: seen.append(kept) or 0.5)
     for wrong in (0, 1, 3):
@@ -320,7 +320,7 @@ def test_given_positions_with_a_stated_sigma_may_contradict_the_pressures(solved
 
 
 def test_given_positions_that_the_solver_did_not_get_check_the_array(blind):
-    """They contradict an array whose size is wrong by 3 %, as with a wrong temperature, but not one that is right."""
+    """They contradict an array that is 3 % too large, as with a wrong temperature, but not a right one."""
     names = [str(n) for n in range(len(blind.positions))]
     truth, turn = array(), np.array([[0.6, -0.8], [-0.8, -0.6]])
     for size, code in ((1.0, "good"), (1.03, "known_position"), (0.97, "known_position")):
@@ -334,7 +334,7 @@ def test_given_positions_that_the_solver_did_not_get_check_the_array(blind):
 
 
 def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind):
-    """Of draws of the array and of the list from their covariances, a fraction p falls below p."""
+    """If array and list are drawn from their covariances, a fraction p of the probabilities is below p."""
     rng, D = np.random.default_rng(3), 2
     covariance = blind.spread.covariance
     root, drawn = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(covariance))), []
@@ -347,7 +347,7 @@ def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind)
 
 
 def test_uneven_gains_are_no_uneven_residuals(estimate):
-    """Noise that is alike before the gains is that of the channels."""
+    """Noise that is equal before the gains is noise of the channels."""
     gains = np.array(estimate.channels.gains)
     quiet = np.setdiff1d(np.arange(len(gains)), KNOWN)[:8]
     gains[quiet, 0] -= np.log(2)
@@ -357,7 +357,7 @@ def test_uneven_gains_are_no_uneven_residuals(estimate):
 
 
 def test_a_noisy_channel_is_uneven_beside_uneven_ones_and_a_single_fault_alone(estimate):
-    """An array in a wrong basin leaves far more at some microphones, at one so much that it is called noisy."""
+    """In a wrong basin some microphones have a large residual, and one so large a residual that it is called noisy."""
     two = with_share(with_channel_noise(estimate, 2, 5.0), 5e-4)
     three = np.array(two.channels.noise)
     three[np.setdiff1d(np.arange(len(three)), KNOWN)[2]] *= 40.0
@@ -398,7 +398,7 @@ def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
 
 
 def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_prediction(estimate):
-    """The leave-one-out errors are those of the pressures without them, and without its delays."""
+    """The leave-one-out errors are computed from the pressures after correction of gains and delays."""
     rng, before = np.random.default_rng(0), assess(estimate).evidence
     gains = 0.3 * rng.normal(size=estimate.channels.gains.shape)
     pressures = estimate.problem.pressures * np.exp(gains @ np.array([1.0, 1.0j]))
@@ -439,7 +439,7 @@ def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
 
 @pytest.mark.parametrize("known", [[], CORNERS])
 def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(known):
-    """A weak one of a blind array, and one of garbage where the noise is not reported."""
+    """A weak channel of a blind array, and a channel of garbage in a measurement without reported noise."""
     measurement, rng = room(known), np.random.default_rng(1)
     p = np.array(measurement.pressures)
     noise = rng.standard_normal((2, len(p)))
@@ -509,7 +509,7 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
 
 @pytest.mark.parametrize("known", ["all", "none"])
 def test_the_same_end_has_the_same_sigma(healthy, known):
-    """Whatever the way to it: from the end again with one microphone dragged off."""
+    """The way does not matter: the run starts again from its end with one microphone moved away."""
     measurement = healthy if known == "all" else replace(healthy, known=np.zeros(0, int), known_positions=None)
     problem, first = (end := solving.solved(measurement)).problem, end.state
     start = np.array(first.positions)

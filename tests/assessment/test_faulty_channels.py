@@ -1,4 +1,4 @@
-"""Faults of single channels are found, and move no other microphone."""
+"""Faults of single channels are found, and do not move other microphones."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_delay_counts_by_what_the_field_leaves_uncertain(estimate):
 
 
 def test_channels_that_all_differ_are_not_at_fault(healthy):
-    """Gains of 3 dB, one sigma: each is found, none is a fault."""
+    """With gains of 3 dB (one sigma) each gain is found, and none is a fault."""
     gains_db = 3.0 * np.random.default_rng(0).normal(size=COUNT)
     found, faulty = found_in(replace(healthy, pressures=healthy.pressures * 10 ** (gains_db / 20)))
     assert faulty == {} and found.verdict == "good"
@@ -105,7 +105,7 @@ FILTERS = {
 
 @pytest.mark.parametrize("faults", [GAINS, FILTERS], ids=["gains", "filters"])
 def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mismatch(healthy, faults):
-    """Unless they are many, which test_assess.py has."""
+    """This holds for few faults; test_assess.py tests many."""
     p = np.array(healthy.pressures)
     for n, (factor, *_) in faults.items():
         p[:, n] *= factor(healthy.frequencies)
@@ -160,7 +160,7 @@ def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
 
 
 def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_predict(estimate):
-    """As of descent, which has no filters: the phase of what the others predict falls with the frequency."""
+    """Descent has no filters, so that the phase against the prediction by the others falls with the frequency."""
     f, terms = estimate.problem.frequencies[estimate.modes], estimate.field.terms
     for delay in (-1e-3, 1e-3):
         delayed = np.array(terms.corrected)
@@ -173,7 +173,7 @@ def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_pr
 
 
 def test_noise_of_a_channel_whose_exact_position_is_wrong_is_no_fault_of_the_channel(estimate):
-    """The solver of exact given positions puts the error of one into the noise of its channel."""
+    """A solver with exact given positions explains the error of a position by noise of its channel."""
     noisy = with_noise_of(estimate, KNOWN[1], 100.0)
     wrong, positions = np.arange(len(KNOWN)) == 1, np.array(estimate.positions)
     positions[KNOWN[1]] += 0.03, 0.04

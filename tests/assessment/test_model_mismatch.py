@@ -1,4 +1,4 @@
-"""Fields that the model does not know: what is said of them, and that no single channel is blamed."""
+"""Fields that the model does not contain: their verdict, and that no single channel is blamed."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_without_reflections_the_field_is_said_to_be_a_single_wave():
 
 
 def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
-    """A sound speed with which the given positions agree would be one that air does not have."""
+    """The sound speed with which the given positions agree is impossible in air."""
     f = np.linspace(40, 400, MODES)
     pressures = waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)  # the wavenumber grows with the root of f
     found = fdcal.calibrate(measured((disc(24), f, pressures)), solver="robust")

@@ -1,4 +1,4 @@
-"""A list is compared by its shape: whatever its order, place, size or mirror image, what is wrong with it is said."""
+"""A list is compared by its shape: its faults are named whatever its order, place, size or mirror image."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_pl
 
 
 def faults_of(listed, found, scale: float = 1.0) -> list[str]:
-    """What is wrong with a list, its order apart, of an array found with errors of 1 mm in each coordinate."""
+    """Return the faults of a list, except its order, for an array found with errors of 1 mm in each coordinate."""
     check = compare_positions(found, scale * listed)
     assert check.agrees
     sigma = np.full(len(found), 1e-3 * np.sqrt(found.shape[1]))

@@ -1,4 +1,4 @@
-"""A calibration: its file, its errors against the truth, its frames, and what it can be turned into."""
+"""A calibration: its file, its errors against the truth, its frames, and its exports."""
 
 from __future__ import annotations
 
@@ -315,7 +315,7 @@ def test_true_positions_are_laid_on_an_array_that_nothing_holds():
 
 
 def test_the_html_of_a_notebook_escapes_names():
-    """It is well-formed but for the tags that have no end."""
+    """It is well-formed, except for tags without an end."""
     text = result()._repr_html_()
     page = ElementTree.fromstring(f"<div>{re.sub('<(img|br)([^>]*)/?>', r'<x/>', text)}</div>")
     assert len(list(page.iter("td"))) == 4 * 6 and not list(page.iter("script"))

@@ -1,4 +1,4 @@
-"""Covariances, ellipses and the Cramer-Rao bound: they cover what they say, whatever units, frame and order."""
+"""Covariances, ellipses and the Cramer-Rao bound have the right coverage, whatever units, frame and order."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def diffuse(rng, known=NONE, noise=NOISE, positions=TRUTH, wavenumbers=K) -> Mea
 
 
 def ended(measurement: Measurement) -> Estimate:
-    """Where solver joint ends that begins at the truth."""
+    """Return the end of solver joint that begins at the truth."""
     solver, problem = load("joint"), measurement.problem("unit", "all")
     settings = SolverSettings(name="joint", modes=len(measurement.frequencies))
     begun = solver.init(problem, settings, 0, positions=measurement.positions)
@@ -72,7 +72,7 @@ def blind() -> Estimate:
 
 @pytest.mark.parametrize("given", [KNOWN, NONE], ids=["known", "blind"])
 def test_95_percent_ellipses_cover_95_percent(given):
-    """Of draws of a diffuse field; they may cover more, since a room's field is less isotropic than assumed.
+    """This holds for draws of a diffuse field; they may cover more, since fields of rooms are less isotropic.
 
     Of rooms and over many draws: `python -m benchmarks claim`.
     """
@@ -145,7 +145,7 @@ def test_in_the_least_frame_the_coordinates_that_it_fixes_are_certain():
 
 
 def test_the_covariance_follows_what_the_blocks_disagree_by_and_is_never_below_the_model(known):
-    """Of the part of the data alone, by three quarters of the excess, and of no microphone by itself."""
+    """Only the part from the data grows, by three quarters of the excess, and equally for all microphones."""
     still = replace(known.spread, step=np.zeros_like(known.spread.step))
     data = still.data.reshape(9, 2, 9, 2)[range(9), :, range(9)]
     for dispersion, excess in ((1.0, 0.0), (0.0, 0.0), (3.0, 1.5)):
@@ -168,7 +168,7 @@ def test_what_a_prior_states_is_no_error_of_the_data_and_not_widened(known, blin
 
 
 def test_modes_measured_twice_say_nothing_new():
-    """Neighbours that err alike are in one block: their disagreement doubles over a covariance that is halved."""
+    """Duplicated modes are in one block, so that the dispersion doubles while the covariance is halved."""
     measurement = diffuse(np.random.default_rng(4), wavenumbers=np.linspace(0.5, 4.2, 48))
     twice = replace(
         measurement, frequencies=np.repeat(measurement.frequencies, 2) * np.tile([1.0, 1 + 1e-9], 48), wavenumbers=None,
@@ -182,7 +182,7 @@ def test_modes_measured_twice_say_nothing_new():
 def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
     """Squared error over the claimed variance, and the dispersion, of a line through Gaussian data.
 
-    Its noise is `scale` times what is claimed, and the same formula as of `robust.result` finds that.
+    Its noise is `scale` times the claimed noise, which the formula in `robust.result` finds.
     """
     rng, truth = np.random.default_rng(seed), np.array([1.0, -2.0])
     A = np.stack([np.ones((blocks, 20)), rng.normal(size=(blocks, 20))], axis=-1)
@@ -251,7 +251,7 @@ def assert_holds_95_percent(axes: np.ndarray, covariance: np.ndarray) -> None:
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 def test_every_ellipse_holds_95_percent(dimension):
-    """By the formula, on the page and in a figure."""
+    """This holds for the formula, on the page and in a figure."""
     maps = np.random.default_rng(dimension).normal(size=(3, dimension, dimension)) * 0.003
     blocks = maps @ maps.swapaxes(1, 2)
     for axes, block in zip(ellipse_axes(blocks, confidence_factor(0.95, dimension)), blocks, strict=True):
@@ -314,7 +314,7 @@ def test_equals_numerical_derivatives_of_the_covariance(axes, dimension):
 
 
 def test_what_is_unknown_can_only_widen_the_bound():
-    """Blind, one per cent in c adds one per cent in size, in quadrature."""
+    """For a blind array, an uncertainty of 1 % in c adds 1 % to that of the size, in quadrature."""
     information, known = diffuse_information(array(10, 2), WAVENUMBERS, SHARE, 2), np.arange(3)
     exact = position_bound(information, Prior(known)).sigma[3:]
     for prior in (Prior(known, 0.005), Prior(known, gain_sigma=0.1), Prior(known, sound_speed_sigma=0.005)):
@@ -335,7 +335,7 @@ def test_the_expected_number_of_modes_is_that_of_the_room(size):
 
 
 def test_the_bound_grows_with_the_sigma_of_the_given_positions():
-    """Those of a tape measure: each is known at least as well as stated, and all others the worse for it."""
+    """A given position is known at least as well as stated; a larger sigma makes all others less certain."""
     x, known = array(9, 2), np.arange(4)
     information = diffuse_information(x, WAVENUMBERS, SHARE, 2)
     bounds = [position_bound(information, Prior(known, known_sigma=sigma)) for sigma in (0.0, 1e-3, 3e-3, 1e-2)]

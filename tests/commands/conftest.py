@@ -1,4 +1,4 @@
-"""What the tests of the command line share: files made from scene `tiny`."""
+"""Fixtures of the tests of the command line: files made from scene `tiny`."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ def made(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def altered(made, tmp_path):
-    """Function that writes tiny's measurement with some keys changed, None taking one out."""
+    """Function that writes tiny's measurement with some keys changed; None removes a key."""
 
     def write(**changes) -> Path:
         with np.load(made / "tiny.npz") as archive:

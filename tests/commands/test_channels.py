@@ -15,7 +15,7 @@ HEALTHY = np.setdiff1d(np.arange(COUNT), [INVERTED, DEAD])
 
 @pytest.fixture(scope="module")
 def spoiled(made, tmp_path_factory):
-    """Folder with tiny's measurement, one channel inverted and one dead, and its result; and what was printed."""
+    """Folder with tiny's measurement, in which one channel is inverted and one dead, its result, and the output."""
     folder = tmp_path_factory.mktemp("spoiled")
     with np.load(made / "tiny.npz") as archive:
         table = dict(archive)

@@ -1,4 +1,4 @@
-"""Each command, run as a user would, on `tiny`; and each kind of bad input, with what it gets."""
+"""Each command, run on `tiny` as a user would, and the reaction to each kind of bad input."""
 
 import json
 import re
@@ -56,7 +56,7 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
 
 
 def test_the_cost_is_that_of_the_page(calibrated, made):
-    """Eq. 7 over all modes in decibels, whatever the solver minimises."""
+    """It is Eq. 7 over all modes in decibels, whatever the solver minimises."""
     cost = ReferenceCost(load_measurement(made / "tiny.npz").problem())
     out, result = calibrated()
     shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])

@@ -74,7 +74,7 @@ def test_every_page_opens_from_the_disk(site, browser):
 
 
 def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
-    """The numbers are those of its text, which `benchmarks documents` compares with the solver."""
+    """The numbers are those in the text of the lesson, which `benchmarks documents` compares with the solver."""
     lesson, one_mode = load_lesson(LESSON), "window.replay?.map?.n == 9 && replay.map.indices.length == 1"
     with offline_page(browser, site / "fig1.html", ready=one_mode) as page:  # as the index shows it, without an address
         page.goto((site / "lesson-1.html").as_uri())

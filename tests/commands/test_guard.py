@@ -1,4 +1,4 @@
-"""What the command line does with what nobody foresaw: one line, an exit code, no traceback."""
+"""The command line ends with one line, an exit code and no traceback after any unexpected event."""
 
 import contextlib
 import os
@@ -60,7 +60,7 @@ def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
 
 
 def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
-    """An extension module turns the interrupt into an ImportError, as some do that load when the command needs them."""
+    """Some extension modules, which a command loads when it needs them, turn the interrupt into an ImportError."""
     (tmp_path / "slow.py").write_text(
         "import os, signal\n"
         "try:\n    os.kill(os.getpid(), signal.SIGINT)\n    sum(range(10**6))\n"
@@ -143,7 +143,7 @@ def test_the_command_loads_only_what_a_calibration_needs(made):
 
 
 def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
-    """On standard error. `benchmarks/checks/test_compiled.py` asks that the pieces leave nothing to compile."""
+    """It does so on standard error. `benchmarks/checks/test_compiled.py` tests that nothing is left to compile."""
     names, compiled = [name for name, _ in cli.all_pieces()], []
     monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])
     assert not ended("warm")

@@ -1,4 +1,4 @@
-"""`fdcal record`: takes replayed from files, what is named while they last, and what they say together."""
+"""`fdcal record`: takes replayed from files, the faults named during a take, and the result of all takes."""
 
 import builtins
 import json
@@ -19,7 +19,7 @@ INVERTED, SWAPPED = 12, (3, 9)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder with two takes of 20 s, one of them with faulty channels, too, and a list of the positions."""
+    """Folder with two takes of 20 s, a copy of one with faulty channels, and a list of the positions."""
     path = tmp_path_factory.mktemp("takes")
     places_of_source = (2, {}), (3, {"source": OTHER_SIDE})
     one, two = (stationary_source(20.0, 30.0, COUNT, seed=seed, **place)[0] for seed, place in places_of_source)

@@ -1,4 +1,4 @@
-"""Measurements that cannot be solved, through the command line: one line, the right exit code, and the way out."""
+"""Measurements that cannot be solved, through the command line: one line, the right exit code, and the remedy."""
 
 import numpy as np
 import pytest

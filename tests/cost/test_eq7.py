@@ -28,7 +28,7 @@ CANDIDATES = np.random.default_rng(5).uniform(-0.6, 0.6, (50, 2)) + CENTRE
 
 
 def test_the_fit_without_a_microphone_gives_eq_7_with_it_anywhere():
-    """By brute force: a pseudo-inverse for every candidate."""
+    """It is compared with brute force, a pseudo-inverse for every candidate."""
     for p, k, L in zip(PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, strict=True):
         (fit,) = eq7.leave_one_out_fits([fourier_bessel(GUESS, k, L, CENTRE)], p[None], 7)
         found = fit.cost_of(fourier_bessel(CANDIDATES, k, L, CENTRE))
@@ -41,7 +41,7 @@ def test_the_fit_without_a_microphone_gives_eq_7_with_it_anywhere():
 
 @pytest.mark.parametrize("order", [3, 6])
 def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(order):
-    """Any pressures at five places are a field of seven functions; only differences at one place are left over."""
+    """Seven functions fit any pressures at five places; only differences within one place remain."""
     at, k = np.arange(20) % 5, PROBLEM.wavenumbers[[0, 4, 8]]
     p = PROBLEM.pressures[[0, 4, 8]][:, :20]
     means = np.stack([p[:, at == place].mean(axis=1) for place in at], axis=1)
@@ -56,7 +56,7 @@ def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(or
 
 
 def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
-    """J_l(z) of an array far smaller than the wavelength is below 1e-12 from some order on."""
+    """For an array far smaller than the wavelength, J_l(z) is below 1e-12 from some order on."""
     p = np.random.default_rng(6).normal(size=(1, 24)) + 0j
     enough, ample = (eq7.fit(fourier_bessel(GUESS, 0.1, order, CENTRE)[None], p)[2] for order in (8, 11))
     assert ample == pytest.approx(enough, rel=1e-9)
@@ -93,7 +93,7 @@ ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
 @pytest.mark.parametrize("scale", [1.0, 4.0])
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimension, D, scale):
-    """Inside the tables and beyond them."""
+    """This holds inside the tables and beyond them."""
     problem = replace(PLANE, dimension=dimension, array_dimension=D)
     expansion = eq7.FieldExpansion(problem, 0)
     points, centre = scale * np.random.default_rng(0).uniform(-0.5, 0.5, (15, D)), np.full(D, 0.01)
@@ -123,7 +123,7 @@ LATTICE = PlaneLattice(PROBLEM, 2)
 
 
 def assert_best(positions, n, centre, modes, weight):
-    """The search finds the least of Eq. 7, summed over the modes, at all points of the lattice."""
+    """Check that the search finds the point of the lattice with the least Eq. 7, summed over the modes."""
     numbers = range(len(LATTICE.orders))[modes]
     W = LATTICE.dictionary(positions, centre, numbers)
     fits = eq7.leave_one_out_fits(W, PROBLEM.pressures[modes], n, eq7.known_weights(PROBLEM, weight))

@@ -39,7 +39,7 @@ def test_a_diffuse_field_has_the_covariance_of_bessel_functions_of_order_zero(di
 @pytest.mark.parametrize("damping", [0.0, 0.05, 1.0])
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_the_covariance_of_a_damped_isotropic_field_is_that_of_the_dictionary(dimension, D, damping):
-    """Eq. 4 with an ample order; in the plane a sum of plane waves, in space a closed form."""
+    """It is compared with Eq. 4 at a high order, in the plane with plane waves, and in space with a closed form."""
     x, k = array(D, seed=6), K - 1j * damping
     about = 1.1 * x - 0.2
     field = FieldModel(k, np.ones(3), np.zeros(3), np.ones(len(x)), dimension, about)
@@ -53,7 +53,7 @@ def test_the_covariance_of_a_damped_isotropic_field_is_that_of_the_dictionary(di
 @pytest.mark.parametrize("damping", [0.0, 0.2])
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
-    """Also of undamped waves, which are added in opposite pairs, and of some of the modes alone."""
+    """This also holds for undamped waves, which are added in opposite pairs, and for a part of the modes."""
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
     powers = np.random.default_rng(3).uniform(0.1, 2.0, (len(K), kernels.directions_needed(x, K, dimension)))
     found, _ = kernels.plane_wave_covariance(x, k, powers, dimension, slice(None))
@@ -120,7 +120,7 @@ def drawn(D, count=9, seed=0):
 
 
 def assumed(kernel, x, dimension):
-    """A field of that kernel, whose channels have unequal noise, one of them much."""
+    """Return a field of that kernel whose channels have unequal noise, one of them strong noise."""
     rng = np.random.default_rng(5)
     tau = rng.uniform(0.5, 2.0, len(x))
     tau[3] = 1e3
@@ -192,7 +192,7 @@ TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
 
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
 def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_cost(kernel, dimension, D, count):
-    """Directions are those of the axes, so that their field is only moved. Complex wavenumbers need their centre."""
+    """Directions rotate with the axes, so that the field is only moved; complex wavenumbers need their centre."""
     x, p, channels = drawn(D, count, seed=4)
     field = assumed(kernel, x, dimension)
     cost = likelihood_terms(x, p, field, channels).cost

@@ -79,7 +79,7 @@ def test_what_has_no_map_is_refused(waves):
 
 @pytest.mark.parametrize("known_weight", [1.0, 1000.0])
 def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, known_weight):
-    """Also where a known microphone is the one that is moved, whose weight is 1."""
+    """This also holds if a known microphone is moved; its weight is then 1."""
     x = np.random.default_rng(7).uniform(SEARCH.origin, np.add(SEARCH.origin, SEARCH.size), (24, 2))
     k, p, fine = waves.wavenumbers[[0, 2]], waves.pressures[[0, 2]], cost.refined(SEARCH, 57)
     orders = max_order(k, SEARCH.radius, 1)
@@ -192,7 +192,7 @@ def noise_of(problem: Problem, share: float, modes=MODES) -> np.ndarray:
 
 
 def directly(problem: Problem, positions, noise, search, modes=MODES) -> np.ndarray:
-    """The same maps, point by point: the cost with the microphone there, but for N log v."""
+    """Return the same maps point by point: the cost with the microphone there, without N log v."""
     layer = search.layer(float(positions[N, -1]))
     p = problem.pressures[modes]
     field = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension)
@@ -213,7 +213,7 @@ def assert_same(maps, expected):
 @pytest.mark.parametrize("share", [1e-1, 1e-6])
 @pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 2), (3, 3)])
 def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
-    """Of fields and arrays in a plane and in space; that the pressures do not fit those in space is no matter."""
+    """This holds for fields and arrays in a plane and in space; the pressures need not fit."""
     positions = np.column_stack([ROUGH, np.random.default_rng(5).uniform(0.4, 1.0, len(ROUGH))])[:, :D]
     search = CELLAR if D == 3 else AREA
     problem = replace(MEASURED.problem(), dimension=dimension, array_dimension=D, search=search)

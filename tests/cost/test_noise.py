@@ -31,7 +31,7 @@ def unit(p):
 
 
 def test_position_errors_are_distinguished_from_noise():
-    """Errors of the positions count the more the higher the mode, noise does not."""
+    """The effect of position errors grows with the frequency, that of noise does not."""
     rng, found, spread = np.random.default_rng(0), [], 0.03
     for p in draws(1e-4, 4):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
@@ -46,7 +46,7 @@ def test_position_errors_are_distinguished_from_noise():
 
 @pytest.mark.parametrize("complex_k", [False, True])
 def test_the_noise_found_is_the_likeliest_one(complex_k):
-    """With hardly any spread, its cost is that of `likelihood_terms`, and no other noise costs less."""
+    """With a very small spread, its cost equals that of `likelihood_terms`, and no other noise has a lower cost."""
     (p,), tau = draws(0.05, 1, tau=np.linspace(0.5, 2, N)), np.linspace(0.5, 2, N)
     field = FieldModel(K - 0.01j if complex_k else K, np.linspace(0.8, 1.2, M), 0 * ONES, tau, 2)
 
@@ -61,7 +61,7 @@ def test_the_noise_found_is_the_likeliest_one(complex_k):
 
 @pytest.mark.parametrize("spread", [0.0, 0.02, 0.4])
 def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
-    """Position errors add k^2 spread^2 / D, up to the greatest share that noise may have."""
+    """Position errors add k^2 spread^2 / D, up to the largest fraction that noise may have."""
     (p,) = draws(1e-3, 1)
     x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
     field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
@@ -82,7 +82,7 @@ def started(seed=0):
 
 @pytest.mark.parametrize("explained", [True, False])
 def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
-    """Also of pressures that are noise, but not called so: then the field is weaker than expected."""
+    """This also holds for pressures that are noise but not declared so: the field is then weaker than expected."""
     p, _, tau, field = started()
     p, tau = (p, tau) if explained else (next(draws(1.0, 1)), np.ones(N))
     field = replace(field, channel_noise=tau, noise=field.noise if explained else 0.1 * ONES)
@@ -108,7 +108,7 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
 
 
 def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
-    """Up to one factor of all channels, which the median removes and the noise of the array holds."""
+    """This holds up to a common factor, which the median removes and the noise of the array contains."""
     p, _, _, field = started()
     for _ in range(300):
         field = replace(field, channel_noise=estimates.updated_channel_noise(field, likelihood_terms(TRUTH, p, field)))
@@ -170,7 +170,7 @@ TAKES = np.array([0, 1, 0])
 @pytest.mark.parametrize("count", [0.0, 0.5])
 @pytest.mark.parametrize(("dimension", "D", "microphones", "damping"), CASES)
 def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping, count):
-    """Of a row: S <- S (|alpha|^2 / s + var), from the explicit covariance; then towards the spectrum of its take."""
+    """In a row S becomes S (|alpha|^2 / s + var), by the explicit covariance; then it nears its take's spectrum."""
     x, p, k, tau, powers = drawn(dimension, D, microphones, damping)
     about, w = x + 0.05, wave_directions(dimension, powers.shape[1])[1]
     powers /= (powers @ w)[:, None]

@@ -23,7 +23,7 @@ def some_field(rng) -> short.ShortField:
 
 
 def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) -> short.ShortLikelihood:
-    """Windows of the model at a field, each with a power of its own."""
+    """Return windows drawn from the model of a field, each with its own power."""
     k, takes = np.tile(np.linspace(4, 40, frequencies), T), np.repeat(np.arange(T), frequencies)
     N = len(field.positions)
     found = np.empty((len(k), windows, N), complex)

@@ -1,4 +1,4 @@
-"""Broken files, as of `benchmarks fuzz`, a few of each that no C library reads."""
+"""A few broken files from `benchmarks fuzz` of each kind that no C library reads."""
 
 import pytest
 

@@ -1,6 +1,6 @@
-"""A map on the floor and its colour bar: what was given is where it should be.
+"""A map on the floor and its colour bar show the given values at the right places.
 
-Colours that colour-blind eyes tell apart: distances in CIELAB after the simulation of Vienot, Brettel and Mollon.
+Colour-blind readers can distinguish the colours: distances in CIELAB, simulated after Vienot, Brettel and Mollon.
 """
 
 import itertools
@@ -45,7 +45,7 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
 
 @pytest.mark.parametrize("log", [False, True])
 def test_colours_reach_from_the_2nd_to_the_98th_percentile_over_four_decades_at_most(log):
-    """A map of a random start spans a tenth of a decibel: neither its lowest nor its highest cost takes its colours."""
+    """The map of a random start spans a tenth of a decibel, and its extreme costs must not use up the colours."""
     search = Search(origin=(0.0, 0.0), size=(0.9, 0.9), step=0.1)
     cost = 10 ** (np.linspace(-14.1, -14.0, 100).reshape(10, 10) / 10)
     cost[0, 0], cost[9, 9] = 1e-9, 10.0
@@ -88,7 +88,7 @@ PLAIN = {chr(high): chr(low) for low, high in primitives.SUPERSCRIPTS.items()}
 
 
 def read(text: str) -> float:
-    """A number as the pictures write it."""
+    """Return the value of a number as the pictures write it."""
     mantissa, ten, power = text.rpartition("10") if any(letter in PLAIN for letter in text) else (text, "", "")
     if not ten:
         return float(text)

@@ -1,6 +1,6 @@
-"""Fig. 1: what is computed, and that what is drawn shows it.
+"""Fig. 1: its values, and that the figure shows them.
 
-Maps as colours, as a relief, and side by side: what was given is where it should be.
+Maps as colours, as a relief, and side by side show the given values at the right places.
 """
 
 import csv

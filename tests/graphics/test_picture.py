@@ -1,4 +1,4 @@
-"""The picture holds what it was given: positions, colours, extents. No renderer takes part.
+"""The picture has the given positions, colours and extents; no renderer is needed.
 
 A picture without a search domain shows all microphones.
 
@@ -73,7 +73,7 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
 def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_and_its_square_where_it_was_given(
     scene, measurement
 ):
-    """Solver robust begins with an array that fits the given positions only in part."""
+    """Solver robust begins with an array that fits only some of the given positions."""
     estimate = measurement.positions.copy()
     estimate[[1, *range(3, len(estimate))]] += 0.05
     estimate[2] += 1e-4  # its square covers that

@@ -72,7 +72,7 @@ def test_without_truth_and_room(run):
 
 
 def test_no_replay_is_larger_than_an_email_attachment_may_be():
-    """Of many microphones and states some are left out, the first and the last never."""
+    """With many microphones, some states are left out, but never the first or the last."""
     count, rng = 600, np.random.default_rng(0)
     truth = rng.uniform(0, 3, (count, 3))
     pressures = rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))
@@ -119,7 +119,7 @@ def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again
 
 
 def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
-    """In a frame without an address of its own, of which nothing reaches the page around it."""
+    """It is in a frame without its own address, which cannot affect the page around it."""
     _, measurement, _ = run
     found = fdcal.calibrate(measurement, solver="joint", modes=12)
     replay = found.show()
@@ -148,7 +148,7 @@ def test_the_command_writes_a_run(tmp_path, capsys):
 
 
 def test_a_measurement_without_search_domain_has_maps_too(run, tmp_path):
-    """Round the estimate; that of a blind array is moved onto the true positions with it."""
+    """The domain surrounds the estimate; that of a blind array is moved with it onto the true positions."""
     save_measurement(dataclasses.replace(run[1], search=None, known=(), known_positions=None), tmp_path / "hall.npz")
     assert exit_code("replay", tmp_path / "hall.npz", "-o", tmp_path / "hall.html") == 0
     data, arrays, positions = contents((tmp_path / "hall.html").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""What a viewer of a replay does without Python: a dragged microphone rolls into its hole, and solvers take steps."""
+"""A replay works without Python: a dragged microphone rolls into its minimum, and descent takes steps."""
 
 import math
 
@@ -61,7 +61,7 @@ def place_and_distance(page, truth):
 
 @pytest.mark.parametrize("modes", [3, 20])
 def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
-    """Both below and above the number of modes from which the order is ample."""
+    """This holds below and above the number of modes from which the order is larger."""
     _, measurement, problem, states = run
     state = descent.use_modes(problem, states[0], 1, modes, False)
     for _ in range(3):

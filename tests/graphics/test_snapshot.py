@@ -128,7 +128,7 @@ def test_the_same_picture_gives_the_same_bytes(drawn, scene, measurement, estima
 
 
 def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, monkeypatch, tmp_path):
-    """A child process that dies, as VTK's does without a GL library, leaves an error and no file."""
+    """If the child process dies, as with VTK without a GL library, there is an error and no file."""
     dying = tmp_path / "python"
     dying.write_text("#!/bin/sh\nkill -SEGV $$\n")
     dying.chmod(0o755)

@@ -1,4 +1,4 @@
-"""A measurement: what a solver sees of it, its file, and those made of arrays."""
+"""A measurement: the part that a solver sees, its file, and measurements made of arrays."""
 
 from dataclasses import replace
 from functools import partial
@@ -46,7 +46,7 @@ def test_derived_wavenumbers_follow_the_sound_speed_and_the_frequencies():
 
 
 def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
-    """Positions follow from wavenumbers alone: those of the old sound speed give an array of the old size."""
+    """Positions follow from wavenumbers only, so that the old wavenumbers would give an array of the old size."""
     measurement = measured(POSITIONS, (0, 1, 2), highest=100.0)
     k, c = measurement.wavenumbers, 1.01 * measurement.sound_speed
     given = replace(measurement, wavenumbers=k * 1.0)
@@ -63,7 +63,7 @@ def test_given_wavenumbers_do_not_stay_behind_when_the_sound_speed_changes():
 
 @pytest.fixture
 def written(tmp_path):
-    """Function that writes a measurement of five microphones with some keys changed, None taking one out."""
+    """Function that writes a measurement of five microphones with some keys changed; None removes a key."""
 
     def write(**changes):
         path = tmp_path / "measured.npz"

@@ -15,7 +15,7 @@ from fdcal.model.validation import InputError, StorageError
 
 
 def assert_refused(words, read, *arguments):
-    """In one line that has all of `words`."""
+    """Check that a scene is refused in one line that contains all of `words`."""
     with pytest.raises(InputError) as caught:
         read(*arguments)
     message = str(caught.value)

@@ -1,4 +1,4 @@
-"""Files of anyone are refused at once where they are broken; those written are complete or absent; the cache."""
+"""Broken files are refused at once; written files are complete or absent; the cache."""
 
 import dataclasses
 import io

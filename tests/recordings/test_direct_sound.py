@@ -20,7 +20,7 @@ def places(count=16):
 
 
 def responses(source=SOURCE, reflections=40, noise=1e-3, seed=1, length=4000):
-    """Impulse responses (N, T): direct sound, then images farther by 1 m at least that decay; sensor noise."""
+    """Return impulse responses (N, T): direct sound, decaying images at least 1 m farther away, and sensor noise."""
     x, rng = places(), np.random.default_rng(seed)
     far = np.linalg.norm(source)
     images = rng.normal(size=(reflections, 3))

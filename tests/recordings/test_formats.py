@@ -68,7 +68,7 @@ EMITTERS = ("SingleRoomMIMOSRIR", "MultiSpeakerBRIR", "GeneralFIR-E")  # with an
 
 
 def room_sofa(convention: str = "SingleRoomSRIR") -> sofar.Sofa:
-    """Without the descriptions, which are optional: with netCDF4 1.7.5 sofar cannot write them."""
+    """Return a file without the optional descriptions, because sofar cannot write them with netCDF4 1.7.5."""
     sofa = sofar.Sofa(convention, version=CONVENTIONS[convention])
     for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
         sofa.delete(name)
@@ -293,7 +293,7 @@ def test_the_fault_of_a_file_is_named(name, write, words, tmp_path):
 
 
 def write_mat73(path: Path) -> None:
-    """As MATLAB does: HDF5 behind 512 bytes, every array transposed, texts as numbers."""
+    """Write a file as MATLAB does: HDF5 after 512 bytes, every array transposed, texts as numbers."""
     with h5py.File(path, "w", userblock_size=512) as file:
         file["rec/data"], file["rec/fs"] = SAMPLES, [[RATE]]
         file.create_dataset("note", data=np.arange(40, dtype=np.uint16)[None]).attrs["MATLAB_class"] = np.bytes_("char")
@@ -513,7 +513,7 @@ PLACED = MicrophonePositions(
     "placed", [PLACED, MicrophonePositions(PLACED.names, PLACES[:, :2])], ids=["space", "plane, no uncertainty"]
 )
 def test_names_positions_and_uncertainty_are_written(placed, tmp_path):
-    """Other programs read them: csv, json, `acoular.MicGeom` and `pyroomacoustics`; SOFA below."""
+    """Readers of csv, json, `acoular.MicGeom` and `pyroomacoustics` read them; SOFA is tested below."""
     for suffix in ("csv", "json", "xml", "npy"):
         formats.write(tmp_path / f"p.{suffix}", placed)
     with open(tmp_path / "p.csv", encoding="utf-8", newline="") as file:

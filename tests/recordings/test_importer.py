@@ -192,7 +192,7 @@ def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
 
 
 def test_frequencies_are_even_whatever_their_level():
-    """Peaks are maxima of the pressure, where the gradient is small: a choice by level makes small arrays smaller."""
+    """At a peak the pressure gradient is small, so that a choice of peaks would make small arrays smaller."""
     f, flat = np.arange(20, 400, 0.25), np.full(1520, 1e-3)
     power = 1 + 50 * np.exp(-(((f - 100.3) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.1) / 0.6) ** 2))
     chosen = frequencies.choose_frequencies(f, power, flat, 2.5, 400)

@@ -1,4 +1,4 @@
-"""Files of positions that somebody gives: Acoular's XML and tables."""
+"""Files of given positions: Acoular's XML and tables."""
 
 import json
 import re
@@ -275,7 +275,7 @@ def test_a_list_without_check_points_to_it(exchanged, capsys):
 
 @pytest.mark.parametrize("known", ["all", "none"])
 def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, known):
-    """A reader who mixes two of them must not get an array that is moved or turned against itself."""
+    """A reader who combines two of them must not get parts in different frames."""
     found = fdcal.calibrate(fdcal.load("tiny"), modes=12, known=known)
     positions = found.positions
     for suffix in FORMATS_WRITTEN:

@@ -15,7 +15,7 @@ NAMES = tuple(str(n) for n in range(N))
 
 @pytest.fixture(scope="module")
 def sound() -> np.ndarray:
-    """Noise through other random reverberation for each channel, and noise of their own 20 dB below (N, T)."""
+    """Return noise with different random reverberation in each channel, and independent noise 20 dB below (N, T)."""
     rng, decay = np.random.default_rng(5), np.exp(-np.arange(800) / 150)
     played = rng.standard_normal(T)
     heard = np.array([oaconvolve(played, decay * rng.standard_normal(800))[:T] for _ in range(N)])
@@ -33,7 +33,7 @@ def faults(samples: np.ndarray) -> dict[str, str]:
 
 
 def in_words(found: ChannelDelays) -> dict[str, str]:
-    """What is wrong."""
+    """Return the faults in words."""
     return {name: clock_words(*fault) for name, fault in found.faults(NAMES).items()}
 
 
@@ -43,7 +43,7 @@ def noise_like(row: np.ndarray) -> np.ndarray:
 
 
 def drifting(row: np.ndarray, ppm: float) -> np.ndarray:
-    """A channel (T,) whose clock is slower by so much: it is later and later."""
+    """Return a channel (T,) with a slower clock, whose delay grows."""
     fine = resample_poly(row, 16, 1)
     return np.interp(16 * np.arange(len(row)) * (1 - 1e-6 * ppm), np.arange(len(fine)), fine)
 
@@ -84,7 +84,7 @@ def test_sound_that_fills_a_small_part_of_the_band_has_no_fault(sound):
 
 
 def test_a_drift_shows_in_ten_minutes_as_in_twelve_seconds(sound):
-    """The sound repeats, so that a channel that drifts can be read from anywhere; the clock goes on."""
+    """The sound repeats, so that a drifting channel can be computed at any time while its clock drifts on."""
     fine = resample_poly(np.tile(sound[BAD], 3), 16, 1)[16 * T : 1 - 16 * T]
 
     def block(start, stop, channels):

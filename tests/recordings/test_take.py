@@ -1,4 +1,4 @@
-"""Takes from a simulated sound card and from replayed files: what the file holds, also of a take that ends early."""
+"""Takes from a simulated sound card and from replayed files: the content of the file, also if a take ends early."""
 
 import sys
 import types
@@ -16,7 +16,7 @@ RATE = 2000  # Hz
 
 
 class Card(types.ModuleType):
-    """The library sounddevice with one sound card, which delivers `sound` (N, T) and then nothing more."""
+    """A double of the library sounddevice with one sound card, which delivers `sound` (N, T) and then stops."""
 
     class PortAudioError(Exception):
         pass

@@ -198,7 +198,7 @@ def test_a_copy_of_a_take_is_no_take(tmp_path):
 
 @pytest.mark.parametrize("key", ["names", "sound_speed"])
 def test_takes_of_other_microphones_or_of_other_options_are_refused(key):
-    """Exchanged names would put the pressures of one microphone to another."""
+    """Exchanged names would assign the pressures of one microphone to another."""
     one, other = (fdcal.Measurement.from_arrays([100, 150, 210], np.eye(3, 4) + a) for a in (1j, 2j))
     changed = {"names": other.names[::-1], "sound_speed": 350.0}[key]
     refuses(f"measurement 2 and the first one differ in {key}", fdcal.Measurement.from_takes,
@@ -314,7 +314,7 @@ def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round()
 
 
 def test_a_noise_floor_far_below_the_sound_may_rise():
-    """By 10 dB, 110 dB below the peak; the same rise 60 dB higher is a response that wraps round."""
+    """A rise by 10 dB at -110 dB is accepted; the same rise 60 dB higher is a response that wraps round."""
     rng = np.random.default_rng(0)
     t = np.arange(2 * FS) / FS
     heard, noise = rng.standard_normal((2, 8, len(t)))

@@ -1,4 +1,4 @@
-"""Short windows of a recording: which count, and how a measurement keeps them."""
+"""Short windows of a recording: which are used, and how a measurement stores them."""
 
 import io
 from dataclasses import replace

@@ -48,7 +48,7 @@ def measurement():
 
 
 def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
-    """If the import has changed: write scenes/frl_array.npz again, as scenes/LICENSE.md says."""
+    """If the import has changed, write scenes/frl_array.npz again as scenes/LICENSE.md describes."""
     folder = ROOT / "examples" / NAME
     made = fdcal.load(sorted(folder.glob("*.flac")), positions=folder / "nominal.csv", temperature=20.0)
     assert measurement.take_count == 4 and measurement.blind and measurement.nominal and not made.nominal

@@ -1,4 +1,4 @@
-"""What `examine` says of sound data and of data with a fault, and the page that the command writes."""
+"""The answers of `examine` on healthy and faulty data, and the output of the command."""
 
 import itertools
 from dataclasses import replace
@@ -45,7 +45,7 @@ def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, change, c
     [((1.05, 0.005), True), ((0.885, 0.007), False), ((1.029, 0.005), False), ((1.0, np.inf), False)],
 )
 def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(tiny, monkeypatch, found, sized):
-    """The list is 4 % too large; the search that is given its shape may go elsewhere."""
+    """The list is 4 % too large; a search that begins with its shape may end elsewhere."""
     inputs = replace(measurement_input(tiny, "tiny"), measurement=replace(tiny, positions=1.04 * tiny.positions))
     result = solve(measurement_input(replace(tiny, known=[], known_positions=None), "tiny"))
     result = replace(result, verdict="ambiguous")
@@ -60,7 +60,7 @@ def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(
 
 
 def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
-    """It is found anywhere, here 3 m away, and says nothing of the list; an inverted one is named beside it."""
+    """It is found anywhere, here 3 m away, which does not contradict the list; an inverted channel is named as well."""
     solve = doctor.solve
 
     def astray(*arguments, **others):

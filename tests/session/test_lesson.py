@@ -30,7 +30,7 @@ text = "Again."
 
 @pytest.fixture
 def written(tmp_path):
-    """Function that writes a lesson with one piece of text in place of another, and gives its path."""
+    """Function that writes a lesson in which one piece of text is replaced, and returns its path."""
 
     def write(old="", new=""):
         assert old in GOOD

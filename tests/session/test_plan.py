@@ -1,4 +1,4 @@
-"""Plans: layouts, fields of rooms, bounds, and what they say."""
+"""Plans: layouts, fields of rooms, bounds, and their texts."""
 
 from dataclasses import replace
 
@@ -132,7 +132,7 @@ def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, co
 
 
 def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not():
-    """A short reverberation time makes neighbours alike over many hertz; the bound takes all for independent."""
+    """With a short reverberation time near frequencies are equal over many hertz; the bound assumes independence."""
     few, many = (planning.make_plan(request_of(*LARGE, band=(100.0, high))) for high in (135.0, 300.0))
     assert all(plan.forecast.rms > plan.bound.rms for plan in (few, many))
     plans = [planning.make_plan(request_of(*LARGE, reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
@@ -187,7 +187,7 @@ def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
 
 
 def test_arrival_times_say_what_the_solver_takes_them_to_say():
-    """With hardly any signal the forecast is that of arrival times alone, by the Gauss-Newton matrix of the solver."""
+    """With a very weak signal the forecast follows from arrival times only, by the solver's Gauss-Newton matrix."""
     request = request_of("ball 16 0.4", room=(9.0, 8.0, 5.0), kind="impulse", takes=1)
     places, x = planning.positions_in_room(request), request.layout.positions
     source = np.array([1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""SceneParameters of a scene: what they say, what follows from them, what cannot be; and scenes edited as tables."""
+"""SceneParameters of a scene: their values, their effects, impossible ones; and scenes edited as tables."""
 
 import dataclasses
 

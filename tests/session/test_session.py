@@ -1,4 +1,4 @@
-"""A session stops within one step, rewinds for free, survives an exception and carries out only the newest command."""
+"""A session stops within one step, rewinds at once, survives an exception and obeys only the newest command."""
 
 import math
 import threading
@@ -21,7 +21,7 @@ WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law hold
 
 @dataclass(frozen=True)
 class Count:
-    """A state that counts: three steps make a sweep, twelve steps are all."""
+    """A state that counts: three steps make a sweep, and twelve steps the run."""
 
     step: int = 0
     first: int = 1
@@ -174,7 +174,7 @@ def test_an_exception_pauses_the_session_and_is_shown(make, caplog):
 
 @pytest.mark.parametrize("name", ["joint", "robust", "descent"])
 def test_whatever_is_pressed_the_solver_goes_on_or_says_why_not(name, kernels, caplog):
-    """Commands in any order: one that cannot be carried out changes nothing and stops nothing."""
+    """Commands may come in any order; an impossible one changes nothing and stops nothing."""
     scene, rng, refused = load_scene("tiny"), np.random.default_rng(5), 0
     problem = cached_measurement(scene).problem()
     settings = solvers.with_mode_count(problem, replace(scene.solver, name=name, start=None))

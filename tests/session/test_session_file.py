@@ -142,12 +142,12 @@ class Trap:
 
 
 def first_of(table, keys):
-    """The record of the first state to which some keys lead."""
+    """Return the record of the first state at some keys."""
     return functools.reduce(dict.__getitem__, keys, table["states"]["rows"][0])
 
 
 def put(*path):
-    """Function that puts the last entry of `path` in the place to which the others lead."""
+    """Function that sets the value at the keys of `path` to its last entry."""
     *keys, key, value = path
     return lambda table: first_of(table, keys).update({key: value})
 

@@ -25,7 +25,7 @@ SPEED = 343.0
 
 
 def diffuse(count: int = 12, modes: int = 16, extent: float = 0.6, known: int = 4, **others) -> Measurement:
-    """Pressures of plane waves from everywhere at an array in the plane, with noise 30 dB below."""
+    """Return pressures of plane waves from all directions at an array in the plane, with noise 30 dB below."""
     positions = np.random.default_rng(1).uniform(-extent / 2, extent / 2, (count, 2))
     frequencies = np.linspace(100.0, 700.0, modes)
     pressures = waves(positions, 2 * np.pi * frequencies / SPEED, noise=1e-3)
@@ -101,7 +101,7 @@ def looks_at_the_deadline(stepping, state):
     (looks_at_the_deadline, 40.0, 41.0, 0),
 ])  # fmt: skip
 def test_the_limit_is_kept_to_a_step_or_trial_and_the_last_state_is_the_answer(monkeypatch, step, limit, end, moved):
-    """It holds without being asked for, whatever the solver."""
+    """The limit applies by default, with every solver."""
     stepping = Stepping(step)
     monkeypatch.setattr(solvers, "load", lambda name: stepping)
     inputs = inputs_of(diffuse(), time_limit=limit)
@@ -138,7 +138,7 @@ COUNT, MODES = 12, 16
 
 
 def absurd(kind: str) -> Measurement:
-    """Random pressures, at ordinary or very high frequencies; of "twins", every channel is there twice, nearly."""
+    """Return random pressures, at ordinary or very high frequencies; for "twins" each channel has a near copy."""
     rng = np.random.default_rng(5)
     p = rng.normal(size=(MODES, COUNT)) + 1j * rng.normal(size=(MODES, COUNT))
     if kind == "twins":

@@ -29,7 +29,7 @@ def all_states(seed=0, settings=SETTINGS):
 
 
 def test_the_step_is_the_argmin_of_the_landscape_and_few_unknown_microphones_are_found_exactly():
-    """One microphone moves at a time, and modes come in one at a time, when the search is trapped."""
+    """One microphone moves at a time, and a mode is added whenever the search is trapped."""
     states = all_states()
     for before, after in pairwise(states):
         np.testing.assert_array_equal(after.positions[KNOWN], TRUTH[KNOWN])
@@ -68,7 +68,7 @@ def test_in_descending_order_the_highest_mode_comes_first_and_each_stage_adds_th
 
 
 def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
-    """Modes changed in mid-sweep: what converges has left no microphone that would still move."""
+    """Modes change during a sweep; when the run converges, no microphone would still move."""
     state = all_states()[-1]
     for turn in range(1, len(PROBLEM.free)):
         midway = replace(state, turn=turn, finished=False, last=6)
@@ -94,7 +94,7 @@ def test_what_descent_cannot_solve_is_refused(known, changes, start, words):
 
 
 def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed():
-    """Of a field that is affine over the array it is exact, so nothing is left to do but to snap."""
+    """For a field that is affine over the array the start is exact, so that only snapping remains."""
     rng = np.random.default_rng(0)
     shape = (len(PROBLEM.pressures), 2)
     slopes = rng.normal(size=shape) + 1j * rng.normal(size=shape)

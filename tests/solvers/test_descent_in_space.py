@@ -56,7 +56,7 @@ def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice(
 
 
 def test_the_step_is_the_lowest_candidate_of_the_whole_lattice():
-    """The search from coarse to fine misses none of these; every candidate is tried here."""
+    """The search from coarse to fine finds all of these; here every candidate is tried."""
     problem, lattice = problem_of(TRUTH, 15), space_lattice(PROBLEM, 0)
     points = lattice.points
     assert len(points) == 21**3

@@ -60,7 +60,7 @@ def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, 
 
 
 def test_of_two_optima_of_one_cost_the_less_determined_one_has_more_evidence(ended):
-    """Laplace: half the logarithm of the determinant, one half log 4 for each unknown that is twice as certain."""
+    """Laplace: evidence falls by half the log determinant, by half log 4 for each unknown that is twice as certain."""
     problem, state = ended
     state = replace(state, progress=replace(state.progress, stage=FINAL))
     goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
@@ -88,7 +88,7 @@ def test_a_position_that_the_pressures_contradict_holds_nothing(ended):
 
 
 def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
-    """Its own noise explains it better than any other place or gain; one that is elsewhere moves."""
+    """Its noise explains it better than another place or gain; a channel whose microphone is elsewhere moves."""
     problem, state = ended
     share, rng = state.model.noise_fraction, np.random.default_rng(3)
     tau = np.where(np.arange(COUNT) == 7, 60.0, 1.0)

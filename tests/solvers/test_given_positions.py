@@ -1,4 +1,4 @@
-"""Which given positions hold an array: hypotheses against an array that none of them holds, and the solver's answer."""
+"""Which given positions fix an array: hypotheses compared with a free array, and the answer of the solver."""
 
 from dataclasses import replace
 
@@ -59,7 +59,7 @@ def test_exchanged_positions_are_put_right(count):
 
 
 def test_two_positions_so_close_that_an_exchange_hardly_matters_are_held_as_given():
-    """An exchange is seldom: where the pressures say little, it is not assumed."""
+    """An exchange is rare, so that it is not assumed if the pressures hardly depend on it."""
     x = array()
     x[KNOWN[3]] = x[KNOWN[1]] + [0.0024, -0.0018]
     exchanged = np.array([0, 3, 2, 1, 4, 5])
@@ -137,14 +137,14 @@ def test_a_wrong_sound_speed_is_said_and_no_position_is_blamed(sound):
 
 
 def test_a_wrong_position_and_a_wrong_sound_speed_that_explain_as_much_are_not_told_apart():
-    """Three positions are one distance and an angle; under noise either may be off."""
+    """Three positions determine few lengths, so that with noise either explanation is possible."""
     three = measured(array(), KNOWN[:3], snr_db=40.0, modes=MODES)
     found = solved(given(three, [[0, 0], [0.04, -0.02], [0, 0]]), "joint").assessment
     assert found.verdict != "good" and "sound speed is wrong" in found.message
 
 
 def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound):
-    """It never moves, so that the positions found cannot say it."""
+    """The position never moves, so that the result does not show the distance."""
     wrong, away = np.zeros((6, 2)), 0.03
     wrong[2] = 0.8 * away, -0.6 * away
     end = solved(given(sound, wrong), "joint")
@@ -167,7 +167,7 @@ def test_a_channel_at_an_exact_position_that_is_exchanged_is_put_back(sound):
 
 
 def test_the_mirror_image_of_an_array_is_turned_back_into_the_frame_of_the_given_positions(sound):
-    """Every given position counts as before: the image alone is another one, and the pressures fit both."""
+    """Given positions count as before; only the mirror image differs, and the pressures fit both."""
     end = solved(sound)
     mirrored = frozen_array(end.state.positions * [-1.0, 1.0] + [2 * sound.known_positions[:, 0].mean(), 0.0], float)
     state = resolved(in_unit_power(end.problem), replace(end.state, positions=mirrored))
@@ -175,7 +175,7 @@ def test_the_mirror_image_of_an_array_is_turned_back_into_the_frame_of_the_given
 
 
 def test_given_positions_on_a_line_do_not_tell_an_array_from_its_mirror_image_and_the_verdict_says_so():
-    """Their distance from the line must be seen against the accuracy of the array, which is worse at 20 dB."""
+    """Their distance from the line matters only if it exceeds the accuracy of the array, which is worse at 20 dB."""
     x, along = array(), np.linspace(-0.06, 0.06, 4)[:, None] * [0.6, 0.8]
     verdicts = {}
     for across in (0.0005, 0.05):

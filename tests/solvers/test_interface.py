@@ -1,4 +1,4 @@
-"""Every solver has what others rely on."""
+"""Every solver has the members on which other code relies."""
 
 from dataclasses import FrozenInstanceError, replace
 from itertools import pairwise
@@ -45,7 +45,7 @@ def test_steps_sweeps_and_stages_are_counted_on(states):
 
 
 def test_states_are_frozen_and_a_finished_run_stays_where_it_is(states):
-    """That a run can be continued from any state, tests/session/test_session_file.py asserts."""
+    """tests/session/test_session_file.py tests that a run can be continued from any state."""
     with pytest.raises(FrozenInstanceError):
         states[0].step = 3
     with pytest.raises(ValueError, match="read-only"):

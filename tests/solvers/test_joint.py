@@ -51,7 +51,7 @@ def test_three_known_microphones_never_move_and_place_the_rest_within_millimetre
 
 
 def are_held(states, known, places):
-    """Whether known microphones are in place in every state, to the last bit."""
+    """Return whether known microphones are exactly in place in every state."""
     return all(np.array_equal(state.positions[known], places) for state in states)
 
 
@@ -68,7 +68,7 @@ def test_known_microphones_never_move_though_their_channels_record_only_noise_or
 
 
 def test_a_step_never_raises_what_it_minimises(clean):
-    """Power and noise of the field are learned between two steps, so that each has an objective of its own."""
+    """Power and noise of the field are estimated between steps, so that each step has its own objective."""
     problem = in_unit_power(measured(TRUTH, KNOWN).problem())
     same = [(a, b) for a, b in pairwise(clean) if a.stage == b.stage and a.progress.stage != SEARCH]
     assert len(same) > 4
@@ -84,7 +84,7 @@ def test_noise_costs_accuracy_and_loses_no_array():
 
 
 def test_noise_is_estimated_unless_it_is_reported_and_a_given_snr_overrides_what_is_reported():
-    """One that is within a factor of what is seen is taken as it is."""
+    """A stated noise within a factor of the estimate is used unchanged."""
     reported, settings = measured(TRUTH, KNOWN, snr_db=20, seed=2), replace(SETTINGS, modes=24)
     power = np.mean(np.abs(reported.pressures) ** 2, axis=1)
     near, far = (replace(reported, noise_power=factor * reported.noise_power) for factor in (1.5, 30.0))
@@ -97,7 +97,7 @@ def test_noise_is_estimated_unless_it_is_reported_and_a_given_snr_overrides_what
 
 
 def test_a_rigid_motion_of_the_known_microphones_moves_the_answer_with_it_and_not_them():
-    """Also one that is the origin of the other frame, where the least rounding error of a step would count."""
+    """This also holds for a known microphone at the origin of the other frame, where any rounding error would show."""
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     measurement = measured(TRUTH, KNOWN)
     positions = (TRUTH - TRUTH[KNOWN[0]]) @ turn.T
@@ -108,7 +108,7 @@ def test_a_rigid_motion_of_the_known_microphones_moves_the_answer_with_it_and_no
 
 
 def in_minimal_gauge(positions):
-    """Whether the first known microphone is in place, the second ahead of it and the third on its side; and no more."""
+    """Return whether exactly the minimal gauge is fixed: the first known place, the direction, and the side."""
     ahead = TRUTH[1] - TRUTH[0]
     normal = np.array([-ahead[1], ahead[0]])
     a, b, c = positions[KNOWN]
@@ -158,7 +158,7 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
 
 
 def test_a_random_start_in_a_wrong_basin_is_followed_by_the_starts_of_the_solver():
-    """The likeliest of these explains this array without noise."""
+    """The likeliest of these starts explains this array, which has no noise."""
     measurement = simulated_square()
     settings = SolverSettings(name="joint", modes=57, start="random")
     states = list(solvers.run(measurement.problem(), settings, 1))
@@ -167,7 +167,7 @@ def test_a_random_start_in_a_wrong_basin_is_followed_by_the_starts_of_the_solver
 
 
 def test_an_array_in_another_frame_is_bent_to_exact_positions_before_the_first_step():
-    """A start at given positions, too: the deformation is smooth, and is none where they are in place."""
+    """This also holds for a start at given positions: the deformation is smooth, and zero if they are in place."""
     problem, there = measured(TRUTH, KNOWN).problem(), np.array(TRUTH)
     assert np.array_equal(joint.init(problem, SETTINGS, 0, there).positions, TRUTH)
     off = there + 0.05 * np.sin(3 * there[:, ::-1])

@@ -24,7 +24,7 @@ def draws(*shape):
 
 
 def unknowns(filters: bool = True, gains: bool = True, log_speed: float = 0.0) -> Unknowns:
-    """Positions in a metre, gains of a tenth, and delays and corners of some channels."""
+    """Return positions within a metre, gains of a tenth, and delays and corners of some channels."""
     channels = 0.1 * draws(COUNT, 2)
     cut = np.where(np.arange(COUNT)[:, None] % 3 == 1, [[0.3, 0.4]], [[0.0, 0.0]])
     cut[4] = -0.2, -0.5
@@ -55,7 +55,7 @@ def slopes(goal: Objective, here: Unknowns, step: float = 1e-6) -> np.ndarray:
 )
 @pytest.mark.parametrize("log_speed", [0.0, 0.03])
 def test_the_gradient_is_that_of_the_cost(filters, gains, spreads, log_speed):
-    """By positions, gains, delays, corners and the sound speed, at another speed than the wavenumbers' own, too."""
+    """This holds for positions, gains, delays, corners and sound speed, also at another speed than the assumed one."""
     here, goal = unknowns(filters, gains, log_speed), objective(log_speed=0.01)
     goal = replace(goal, priors=replace(goal.priors, **spreads))
     gradient = goal.evaluate(here).gradient
@@ -64,7 +64,7 @@ def test_the_gradient_is_that_of_the_cost(filters, gains, spreads, log_speed):
 
 
 def test_a_faster_sound_is_a_smaller_array_with_shorter_delays_and_higher_corners():
-    """The likelihood depends on wavenumber times length alone."""
+    """The likelihood depends only on the product of wavenumber and length."""
     here, goal = unknowns(log_speed=0.0), objective(speed_sigma=0.0)
     goal = replace(goal, priors=replace(goal.priors.without_given(), gain_sigma=1e6, phase_sigma=1e6))
     faster, channels = 0.04, here.channels.copy()
@@ -117,7 +117,7 @@ def test_the_matrix_holds_priors_near_their_centre_as_their_second_derivatives()
 
 
 def test_exact_positions_are_no_prior_but_no_unknowns():
-    """A prior however stiff would swamp the rest of the cost in rounding."""
+    """A very stiff prior would make rounding errors larger than the rest of the cost."""
     here, goal = unknowns(), objective(known_sigma=0.0)
     alone = replace(goal, priors=goal.priors.without_given())
     one, other = goal.evaluate(here), alone.evaluate(here)
@@ -155,7 +155,7 @@ def array(count=12, axes=3, seed=1):
 
 @pytest.mark.parametrize(("axes", "dimension", "delayed"), [(3, 3, True), (2, 3, False), (2, 2, True)])
 def test_gradient_is_that_of_differences(axes, dimension, delayed):
-    """By the coordinates, the delays of the channels where there are any, and the sound speed."""
+    """This holds for coordinates, delays of the channels, if any, and the sound speed."""
     x = array(axes=axes)
     arrivals = heard(x, dimension)
     y, log_speed, h = x + 4e-3 * np.random.default_rng(2).normal(size=x.shape), 0.01, 1e-6

@@ -129,7 +129,7 @@ def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_wit
 
 
 def test_a_narrow_band_does_not_take_a_phase_for_a_delay():
-    """Phases of the channels over less than an octave: whatever they are called, the positions stay."""
+    """Channels differ in phase over less than an octave; however the phases are modelled, the positions stay."""
     plain = filtered(lowest=24, count=16)
     phases = 0.1 * np.random.default_rng(3).standard_normal(COUNT)
     turned = solved(replace(plain, pressures=plain.pressures * np.exp(1j * phases)))
@@ -177,7 +177,7 @@ def plane():
 
 
 def test_the_size_of_a_plane_array_is_that_of_the_given_corners(plane):
-    """Whatever the assumption on the field says: here they are 2 % too far apart."""
+    """It does not follow from the assumed field: here the given corners are 2 % too far apart."""
     middle = plane.positions.mean(axis=0)
     larger = middle + 1.02 * (plane.positions - middle)
     end = solved(replace(plane, known_positions=larger[CORNERS]))
@@ -187,7 +187,7 @@ def test_the_size_of_a_plane_array_is_that_of_the_given_corners(plane):
 
 
 def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():
-    """Little noise, and few waves at a time: by image sources, walls that absorb alike, 0.4 s."""
+    """The room, by image sources with equal walls and 0.4 s, has little noise and few waves at each frequency."""
     room, rng = (5.0, 4.0, 2.6), np.random.default_rng([1, 285, 24, 400])
     places = draw_array(rng, 24, 0.4) + np.array(room) * (0.44, 0.47, 0.5)
     frequencies = np.linspace(25.0, 400.0, 24)

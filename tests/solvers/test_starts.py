@@ -1,4 +1,4 @@
-"""Laws of the starts: affine, of the coherence, random, and what follows from many of them."""
+"""Laws of the starts: affine, from the coherence, and random, and of the choice among many."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -43,7 +43,7 @@ def test_the_affine_start_is_exact_for_an_affine_field(D):
 
 @pytest.mark.parametrize("D", [2, 3])
 def test_blind_it_is_an_affine_image_of_the_truth(D):
-    """Which image, the pressures of an affine field do not tell."""
+    """The pressures of an affine field do not determine which image."""
     problem, truth = affine_problem(D, [])
     found = starts.affine(problem, 40)
     extended = np.column_stack([truth, np.ones(len(truth))])
@@ -94,7 +94,7 @@ def test_an_array_of_three_wavelengths(noise):
 
 
 def test_the_shape_of_a_start_does_not_depend_on_the_unit_of_length():
-    """Nor if the array is plane and the start is sought in space."""
+    """This also holds for a plane array whose start is sought in space."""
     x, k = np.pad(np.random.default_rng(1).uniform(0, 0.6, (12, 2)), ((0, 0), (0, 1))), np.linspace(1.0, 6.0, 100)
     p = waves(x, k, 40, 1, 0.01)
     metres, kilometres = (starts.coherence_start(p, k * unit, 0.01, 3, 3) for unit in (1.0, 1e3))

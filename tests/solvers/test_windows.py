@@ -1,4 +1,4 @@
-"""Positions from short windows: what the term leaves unchanged, and what an array in a room gains by it."""
+"""Positions from short windows: invariances of the term, and the smaller error of an array in a room."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def term() -> WindowTerm:
 
 
 def test_rounding_errors_of_rigid_motions_are_no_precision(term):
-    """They made one of eight arrays fail: a pseudo-inverse took them for variances of either sign."""
+    """Such errors made one of eight arrays fail, because a pseudo-inverse treated them as variances of either sign."""
     rng, motions = np.random.default_rng(4), np.linalg.qr(rigid_motions(term.positions))[0]
     fixed = np.eye(18) - motions @ motions.T
     covariance = fixed @ np.diag(np.geomspace(1e-8, 1e-4, 18)) @ fixed
@@ -80,7 +80,7 @@ def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
 
 
 def room(x: np.ndarray, seconds: float, seed: int = 0) -> np.ndarray:
-    """Noise from eighty sides, more of it horizontal, as in a room that absorbs at floor and ceiling : (N, T)."""
+    """Return noise (N, T) from eighty directions, mainly horizontal, as in a room with absorbing floor and ceiling."""
     rng, samples = np.random.default_rng(seed), int(seconds * RATE)
     f = np.fft.rfftfreq(samples, 1 / RATE)
     total, heard = np.zeros((len(x), len(f)), complex), f < 3000
@@ -127,7 +127,7 @@ def every_eighth(windows: ShortWindows) -> ShortWindows:
 
 
 def at_the_end(problem, x, **changes):
-    """The state of the last stage at the positions `x`, with windows; None where they do not count."""
+    """Return the state of the last stage at `x`, with windows, or None if they are not used."""
     state = robust.init(problem, SolverSettings(modes=len(problem.frequencies)), 0, x)
     model, progress = replace(state.model, **changes), replace(state.progress, stage=FINAL)
     return with_windows(problem, replace(state, model=model, progress=progress))
@@ -155,7 +155,7 @@ def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_ch
 
 
 def test_arrivals_of_six_takes_are_not_outvoted():
-    """Where times determine the array, it ends within three of their own sigmas of their optimum: 13 free unknowns."""
+    """If times determine the array, it ends within three of their sigmas from their optimum; 13 unknowns are free."""
     rng = np.random.default_rng(0)
     x = np.pad(0.15 * np.sqrt(rng.random((8, 1))) * rng.standard_normal((8, 2)), ((0, 0), (0, 1)))
     recordings = [recording_of("room", "stationary", RATE, room(x, 2.0, take)) for take in range(6)]
@@ -177,7 +177,7 @@ def test_arrivals_of_six_takes_are_not_outvoted():
 
 @pytest.mark.parametrize(("height", "dead"), [(0.0, False), (0.06, False), (0.0, True)])
 def test_an_array_is_flat_where_its_windows_show_no_heights(height, dead):
-    """Windows of the model itself: eight microphones on a tilted plane, and with heights of 60 mm over it."""
+    """The windows are drawn from the model: eight microphones on a tilted plane, or up to 60 mm above it."""
     rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
     x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
     x[:, 2] = height * np.array([1, -1, 1, -1, -1, 1, -1, 1])
@@ -214,7 +214,7 @@ def test_a_microphone_that_may_stand_elsewhere_is_found(apart):
 
 
 def test_the_covariance_of_windows_is_that_of_white_sound_in_a_hann_window():
-    """Of one wave between two microphones that are 1.2 m apart, and the mean over waves from all directions."""
+    """It holds for one wave at two microphones 1.2 m apart, and on average over waves from all directions."""
     window, late = np.hanning(480), np.arange(60)
     correlation = [window[n:] @ window[: 480 - n] / (window @ window) for n in late]
     windows = ShortWindows(np.full(1, 1e3), np.zeros(1, np.int64), np.ones((1, 1, 2), complex), 0.03)

@@ -1,4 +1,4 @@
-"""A server, a small measurement, and the parts of the page on them, without a browser."""
+"""Fixtures of the page without a browser: a server, a small measurement, and the parts of the page."""
 
 import time
 from types import SimpleNamespace
@@ -44,7 +44,7 @@ def threads():
 
 @pytest.fixture
 def work(scene, measurement):
-    """What a page shows, its session one that notes its commands."""
+    """What a page shows, with a session that records its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
     request = OpenRequest(scene, choices={"objective": True})  # the map of the double's own costs
     return prepare.PreparedRun(scene, measurement, problem, Solver(measurement), session, request)
@@ -81,7 +81,7 @@ def progress_texts():
 
 @pytest.fixture
 def page_of(server, scene, kernels, progress_texts, monkeypatch):
-    """A page without a browser, and a function that ticks it until something happens; it computes no fine maps."""
+    """A page without a browser or fine maps, and a function that ticks it until something happens."""
     monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)
     made = Page(server, SceneNodes(server), on_progress=progress_texts.append)
 
@@ -105,6 +105,6 @@ def tiny_page(page_of, scene):
 
 @pytest.fixture
 def opened(tiny_page):
-    """What that page shows, and the function that ticks it until something happens."""
+    """What `tiny_page` shows, and the function that ticks it until something happens."""
     page, turn_until = tiny_page
     return page.viewer, turn_until

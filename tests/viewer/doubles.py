@@ -1,4 +1,4 @@
-"""Stand-ins for a session, its states and its solver, and clients of the page that are no browsers."""
+"""Test doubles of a session, its states and its solver, and clients of the page that are not browsers."""
 
 import dataclasses
 import threading
@@ -20,13 +20,13 @@ INVALID_VALUES = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2
 
 
 def finish(coroutine):
-    """Run a coroutine that waits for nothing; the browser's driver occupies this thread's event loop."""
+    """Run a coroutine that never waits, because the browser's driver occupies this thread's event loop."""
     with pytest.raises(StopIteration):
         coroutine.send(None)
 
 
 def wait_until(happened, turn=lambda: None):
-    """Wait until something happens, on another thread or with some turn of `turn`; return what it is."""
+    """Wait until `happened` is true, on another thread or after a call of `turn`; return its value."""
     for _ in range(round(WAIT / 0.02)):
         turn()
         if found := happened():
@@ -103,7 +103,7 @@ def view_of(states, **changes) -> SessionView:
 
 
 def set_by_client(handle, value, client=True):
-    """What the server does when a page has set a control to `value`; one that it cannot have is dropped."""
+    """Do what the server does when a page sets a control to `value`; an impossible value is dropped."""
     if not (is_plain({"value": value}) and fits(handle, value)):
         return
     handle._impl.value = value = type(handle.value)(value)
@@ -150,7 +150,7 @@ def join(server):
 
 
 def is_served(server) -> bool:
-    """Whether a new client is sent the whole page."""
+    """Return whether a new client receives the whole page."""
     with join(server) as client:
         send(client, **CAMERA)
         return any(message["type"] == "ReplayDoneMessage" for message in messages(client))

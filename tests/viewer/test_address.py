@@ -1,4 +1,4 @@
-"""The view in the page's address, and the commands of what is on the canvas."""
+"""The view in the page's address, and the commands of elements on the canvas."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ CAMERA = "1,2,30,1,2,0,0,1,0,0.02"
 
 
 class Client:
-    """A browser that keeps what it is told."""
+    """A browser that keeps its notifications."""
 
     client_id = 7
 
@@ -25,7 +25,7 @@ class Client:
 
 
 def command(page, text, client=None):
-    """What happens when a browser has sent a command."""
+    """Do what the page does when a browser has sent a command."""
     page.panels.overlay.receive(client or Client(), f"stamp {text}")
 
 

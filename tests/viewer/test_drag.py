@@ -1,4 +1,4 @@
-"""Microphones that are picked, dragged and let go, and the frame in which the page draws them."""
+"""Microphones that are selected, dragged and released, and the frame in which the page draws them."""
 
 import itertools
 import math
@@ -33,7 +33,7 @@ HERE = (1.2, 2.2, 0.0)  # the middle of the search domain
 
 @pytest.fixture
 def picker():
-    """A picker, the moves that it reported, and a function that passes it a drag of viser's."""
+    """A picker, the moves that it reported, and a function that sends it a drag as viser does."""
     placed, selected, direct, callbacks, shape = [], [], [], {}, {}
     binding = SimpleNamespace(
         measurement=SimpleNamespace(count=5, search=SEARCH),
@@ -162,7 +162,7 @@ def labels(viewer):
 
 
 def minima_of(viewer):
-    """The local minima of the map of microphone 9, metres, and the number of that whose basin holds the truth."""
+    """Return the local minima of the map of microphone 9, metres, and which of their basins has the true position."""
     run, state, choices = viewer.run, viewer.run.session.view.state, viewer.binding.choices
     search = refined(run.problem.search)
     cost = cost_maps(run.problem, run.solver, state, 9, (MODE,), choices.order_offset, search).sum(axis=0)
@@ -251,7 +251,7 @@ def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
 
 
 def test_the_words_of_a_drop_and_their_button_stay_where_the_session_answers_late(server, work):
-    """The session answers after PATIENCE; only a move of the solver or the user removes the words."""
+    """The session answers after PATIENCE; only a move by the solver or the user removes the words."""
     binding, overlay = Binding(server.gui, work, 6), Overlay(server.gui)
     binding.choose(microphone=9, follow=False)
     drop, before = Drop(binding, overlay), binding.session.view
@@ -281,7 +281,7 @@ def test_the_words_of_a_drop_and_their_button_stay_where_the_session_answers_lat
 
 @pytest.fixture
 def blind(work):
-    """A run of a blind array, whose states are turned, moved and mirrored, each in another way."""
+    """A run of a blind array whose states are rotated, moved and mirrored, each differently."""
     rng = np.random.default_rng(5)
     truth = np.asarray(work.measurement.positions)
     states = []

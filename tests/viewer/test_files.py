@@ -51,7 +51,7 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
 
 @pytest.fixture
 def saving(viewer):
-    """What makes files, and a client that keeps its notifications and files."""
+    """The tab that makes files, and a client that keeps its notifications and files."""
     made, notifications, got = viewer.tabs.export, [], []
     client = SimpleNamespace(
         add_notification=lambda *words, **_: notifications.append(words),
@@ -156,7 +156,7 @@ def worker(run, threads):
 
 
 def first(worker, state, fine, **changes):
-    """The first map of what a page shows, some of it changed, or the first fine one."""
+    """Return the first map, or the first fine map, of what a page shows after some changes."""
     wanted = dataclasses.replace(state.choices.map_request(state.run, state.view, state.microphone), **changes)
 
     def newest():
@@ -209,7 +209,7 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
 
 
 def test_a_map_of_a_likelihood_says_where_the_estimate_is_the_lowest(snapshot, threads):
-    """The lattice is wider than the likelihood: at the end of a run an interpolated cost is many nats too high."""
+    """The lattice is coarser than the minimum: an interpolated cost at the end of a run is many nats too high."""
     solver, problem, scene = solvers.load("robust"), snapshot.run.problem, snapshot.run.scene
     *_, end = solvers.run(problem, dataclasses.replace(scene.solver, name="robust"), 0)
     modes = tuple(range(1, len(problem.frequencies[end.modes]) + 1))

@@ -1,4 +1,4 @@
-"""Lessons: they set the controls of the page, tolerate any file and any client, and put back all that they have set."""
+"""Lessons set the controls of the page, tolerate any file and any client, and restore all that they have set."""
 
 import html
 import re
@@ -76,7 +76,7 @@ def test_values_left_out_stay(controls):
 
 @pytest.fixture
 def page(server, controls):
-    """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
+    """A page without a session; `opened` has the requests, and `ready` shows the last of them."""
     made, calls = controls
     opened, then = [], []
     place = SimpleNamespace(cameras=SimpleNamespace(request_all=lambda view: calls.append(("view", view))))
@@ -231,7 +231,7 @@ def test_a_frame_is_shown_or_run_to(kernels):
 
 
 def test_a_caption_escapes_its_texts_and_shows_the_answer_given_and_the_right_one(page):
-    """On a small screen the button below has no place beside all choices."""
+    """On a small screen there is no space for the button below all choices."""
     lesson = Lesson(EVIL, (LessonStep(EVIL, EVIL, ("one", f"{EVIL}two", "three"), 2, EVIL),))
     lessons = LessonsTab(page, [lesson, replace(lesson, title=f"{EVIL}, the next")])
     lessons._error = EVIL
@@ -249,13 +249,13 @@ MINE = Lesson("Mine", (LessonStep("Look.", page=LessonSetting(scene=SMALL)),))
 
 
 def controls_of(viewer):
-    """What every control of the page says."""
+    """Return the values of all controls of the page."""
     handles = [(name, *one) for name, tab in vars(viewer.tabs).items() for one in getattr(tab, "__dict__", {}).items()]
     return {handle[:2]: handle[2].value for handle in handles if isinstance(handle[2], viser.GuiInputHandle)}
 
 
 def set_oddly(viewer):
-    """Set the page as no lesson does, as a user would: by its controls."""
+    """Set the controls of the page, as a user does, to values that no lesson sets."""
     main = viewer.tabs
     main.solver.use_modes(2, 7, False)
     set_by_client(main.solver.seed, 5)
@@ -292,12 +292,12 @@ def opened(page_of):
 
 
 def prepared(page):
-    """Whether the caption asks about what is shown."""
+    """Return whether the caption shows its question or explanation."""
     return "being prepared" not in page.panels.overlay._regions["caption"].content
 
 
 def test_a_lesson_depends_on_nothing_before_it(opened):
-    """Its first step finds the controls with which a page begins."""
+    """Its first step begins with the initial values of all controls."""
     page, turn_until = opened
     lessons = page.lessons = LessonsTab(page, [MINE])
     lessons.open("Mine")

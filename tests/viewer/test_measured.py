@@ -24,7 +24,7 @@ from fdcal.viewer.tabs import map as map_tab
 
 @contextmanager
 def prepared(opening):
-    """What the page shows of a request."""
+    """Return what the page shows for a request."""
     preparation = Preparation(opening)
     preparation.execute()
     work = preparation.run
@@ -41,7 +41,7 @@ def array():
 
 
 def test_the_measured_array_has_maps_at_once(array, server):
-    """Seven microphones carry no mode with the usual order."""
+    """Seven microphones cannot carry any mode with the usual order."""
     assert array.known_scene is None and array.measurement.take_count == 4
     places = DisplayFrame(array).positions(array.session.view.state.positions)  # where the page draws them
     low = np.array(array.measurement.search.origin)
@@ -75,7 +75,7 @@ def test_the_placeholder_scene_of_a_plane_array_in_space_has_its_dimensions(tiny
 
 
 def test_a_measurement_without_search_domain_gets_one_round_the_estimate(tiny, tmp_path):
-    """Map and cost work then, and descent runs, in the axes of the solver."""
+    """Then map, cost and descent work, in the axes of the solver."""
     path = tmp_path / "hall.npz"
     save_measurement(replace(tiny, positions=None, search=None), path)
     opening = open_request_of(str(path))
@@ -147,7 +147,7 @@ def test_the_domain_of_a_blind_array_lies_round_its_true_positions(tiny):
 
 
 def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
-    """As `fdcal calibrate` has it: by the microphones whose channels are sound."""
+    """The microphones with healthy channels determine the alignment, as in `fdcal calibrate`."""
     measurement, healthy = array.measurement, np.array([1, 2, 3, 4, 5])
     positions = np.array(measurement.positions)
     positions[0] += 0.05

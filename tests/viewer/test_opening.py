@@ -1,4 +1,4 @@
-"""The opening: its film is what the scene computes to, each browser plays it for itself until any touch; a phone."""
+"""The opening: its film equals what the scene gives, each browser plays it until a touch, also on a phone."""
 
 import json
 import re

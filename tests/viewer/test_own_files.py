@@ -43,7 +43,7 @@ def files(tmp_path_factory):
 
 @pytest.fixture
 def own(server, files):
-    """What takes files, a client, a function that sends files and opens them, and what has been opened."""
+    """The receiver of files, a client, a function that sends files and opens them, and what was opened."""
     opened = []
     overlay = Overlay(server.gui)
     made = OwnFiles(server, opened.append, lambda: None)

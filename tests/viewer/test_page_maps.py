@@ -1,4 +1,4 @@
-"""Maps belong to what is looked at: on the floor, in a sweep of modes, along a cut."""
+"""Maps belong to the state on the screen: those on the floor, and those of a sweep of modes."""
 
 import dataclasses
 import time
@@ -17,7 +17,7 @@ from fdcal.viewer.tabs.map import LABELS
 
 
 def mapped(viewer):
-    """Let one map be made; the microphone whose map is shown then, None without a map."""
+    """Compute one map; return the microphone whose map is shown then, None without a map."""
     viewer.run.solver.gate.release()
     assert viewer.maps.worker.wait_for(lambda _: not viewer.maps.worker.busy, WAIT)
     viewer.tick(1e9)
@@ -25,7 +25,7 @@ def mapped(viewer):
 
 
 def shown(viewer):
-    """By the diamond on its map."""
+    """Return the microphone whose map is shown, from the diamond on the map."""
     picture, search = viewer.snapshot.picture, viewer.run.measurement.search
     marked = [solid.vertices[:, 0].mean() for solid in picture.meshes if solid.name == "lowest"]
     assert bool(marked) == (picture.floor is not None and viewer.binding.choices.minima)
@@ -60,7 +60,7 @@ def step_to(viewer, *states, **changes):
 
 
 def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
-    """The gate, which every map of costs has to pass, stays shut."""
+    """The gate, through which all new costs must pass, stays closed."""
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     step_to(viewer, viewer.view.state, State(viewer.run.measurement.positions + 0.01, 1), running=True)
@@ -142,7 +142,7 @@ def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work
 
 
 def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_modes_the_map_has(opened):
-    """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
+    """A browser waits for the first map, and a sweep would use the processor for seconds."""
     viewer, turn_until = opened
     turn_until(lambda: viewer.snapshot.picture.floor is not None)
     viewer.run.session.step()

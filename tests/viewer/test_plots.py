@@ -30,7 +30,7 @@ def curves(server, measurement, monkeypatch):
 
 
 def test_plots_hold_finite_numbers_only(curves, measurement):
-    """uPlot never stops looking for axis ticks if it meets a NaN."""
+    """uPlot searches for axis ticks endlessly if the data contain NaN."""
     worse = measurement.positions + 0.1
     states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
     curves.show(PageState(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), 0.0))
@@ -56,7 +56,7 @@ def test_the_cost_is_the_reference_cost_interpolated_where_it_was_left_out(curve
 
 
 def costs_of(states, values):
-    """The costs of states as a session publishes them, NaN for one that was left out while the solver ran."""
+    """Return the costs of states as a session publishes them: NaN for a state that was skipped during the run."""
     computed = [(state, value) for state, value in zip(states, values, strict=True) if not np.isnan(value)]
     numbers = iter([*(value for _, value in computed), -4.0])
     costs = StateCosts(lambda positions: next(numbers))
@@ -109,7 +109,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
 
 
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
-    """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
+    """Otherwise the page builds a new chart with the old visible part, and draws the curve in a corner."""
     clock = [0.0]
     monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
     plot = plots.Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")

@@ -38,7 +38,7 @@ from fdcal.viewer.server.hardening import SafeMessageBuffer, allowed_origins, en
 
 
 def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():
-    """asyncio.Event loses one that another thread sets while `wait` has looked at it and does not yet wait."""
+    """asyncio.Event loses a `set` from another thread that comes between the check in `wait` and its waiting."""
 
     async def first_window(atomic):
         buffer = SafeMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)
@@ -131,7 +131,7 @@ def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
 
 
 def test_the_film_stands_before_the_program_of_viser():
-    """A browser draws it while it reads the rest, and the server knows then that the page was sent."""
+    """A browser draws the film while it reads the rest, and the server is informed that the page was sent."""
     body = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
     film, sent = "<i>film</i>", threading.Event()
     response = SimpleNamespace(headers={"Content-Type": "text/html", "Content-Length": "1"}, body=body)
@@ -222,7 +222,7 @@ def test_what_is_no_message_is_an_error():
 
 @pytest.fixture
 def dark(tiny_page):
-    """A page, a function that ticks it, and one that has a client set a value and waits for that."""
+    """A page, a function that ticks it, and one that makes a client set a value and waits for the effect."""
     page, turn_until = tiny_page
 
     def set_dark(client):
@@ -281,7 +281,7 @@ def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):
 
 
 def finish_message(server, control, updates):
-    """What the server does when a page has sent updates of a control."""
+    """Do what the server does when a page has sent updates of a control."""
     message = _messages.GuiUpdateMessage(control._impl.uuid, updates)
     finish(server._websock_server._handle_incoming_message(0, message))
 
@@ -337,7 +337,7 @@ def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
 
 
 def test_nothing_is_printed_on_the_event_loop_and_ctrl_c_ends_the_program(tmp_path):
-    """Nobody reads what it prints, and each stranger's text alone would fill a pipe after 16 connections."""
+    """Nobody reads the output, and messages about strangers alone would fill a pipe after 16 connections."""
     environment = {**os.environ, "FDCAL_CACHE": str(tmp_path)}
     command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}

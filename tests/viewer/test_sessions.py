@@ -1,4 +1,4 @@
-"""From a request to a session on the page, from one session to the next, and what the old one leaves."""
+"""From a request to a session on the page, from one session to the next, and what remains of the old one."""
 
 import collections
 import dataclasses
@@ -218,7 +218,7 @@ def test_cancel_keeps_the_old_session(tiny_page, scene, monkeypatch):
 
 
 def test_a_saved_session_is_restored(tiny_page, tmp_path):
-    """Its states are those of the file, which test_session_file.py has; so are the choices of the page."""
+    """States and choices are those of the file; test_session_file.py tests the file itself."""
     page, turn_until = tiny_page
     first = page.viewer.binding
     first.session.step(2)
@@ -258,7 +258,7 @@ def names():
 
 
 def test_a_compilation_is_waited_for(scene, monkeypatch):
-    """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
+    """It cannot be interrupted: the thread of a cancelled request ends after it, and closing waits for that."""
     begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-prepare"]
     monkeypatch.setattr(solvers, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
     switcher = SessionSwitcher()

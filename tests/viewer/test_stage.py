@@ -34,7 +34,7 @@ def browser(width, height=900):
 
 
 def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(placed):
-    """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
+    """A page may report its camera between two of our commands, and viser then believes the report."""
     client = browser(900)
     camera = client.camera
     placed.place(client, "top")
@@ -84,7 +84,7 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measuremen
 
 
 class SentScene:
-    """viser's scene; notes in `sent` and `nodes` each node that is added, and each value of one that changes.
+    """viser's scene; records in `sent` and `nodes` each node that is added, and each value that changes.
 
     viser does not send an equal value again. Points and vertices are the first value of a new node.
     """
@@ -140,7 +140,7 @@ def test_a_relief_that_was_replaced_stays_until_pages_have_drawn_the_new_one(sen
 
 
 def test_a_text_tells_the_page_for_which_scene_it_waits(sent_scene, scene, measurement):
-    """A page draws a change later than it arrives; x of "/labelled" says which texts belong to what it draws."""
+    """A page draws a change after it arrives; x of "/labelled" says which texts belong to the drawn scene."""
     made, nodes = sent_scene
     static = compose(scene, measurement)
     for offset, count in ((0.0, 1), (0.0, 1), (0.3, 2)):

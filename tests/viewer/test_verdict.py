@@ -1,4 +1,4 @@
-"""What the panels say: status, tables, remarks, and the verdict, when it comes and which channels do not count."""
+"""The texts of the panels: status, tables, remarks, and when the verdict appears and which channels it omits."""
 
 import re
 import time

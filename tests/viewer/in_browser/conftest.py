@@ -1,4 +1,4 @@
-"""One server and one page of it for all of these tests: to open another takes longer than most of them."""
+"""One server and one page for all of these tests, because opening another page takes longer than a test."""
 
 import contextlib
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ from fdcal.viewer import cost_maps, panels
 
 @pytest.fixture(scope="package")
 def served(kernels):
-    """Address of a server of `tiny`, solved by descent, whose steps are seen; functions that stop and start it."""
+    """Address of a server of `tiny` with visible steps of descent, and functions that stop and start it."""
     quick = {"solver.name": "descent", "solver.modes": 6}  # a run takes a quarter of the steps that 20 modes take
     scene, lessons = edited(load_scene("tiny"), quick), [load_lesson("3_too_many_too_soon")]
     with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
@@ -39,7 +39,7 @@ def shared(served, browser):
 
 @pytest.fixture
 def opened(shared):
-    """The page as one finds it in Expert, whatever another test has left."""
+    """The page in its initial state in Expert, whatever another test has changed."""
     shared.set_viewport_size({"width": 1280, "height": 720})
     shared.emulate_media(color_scheme="light")
     shared.keyboard.press("Escape")

@@ -158,7 +158,7 @@ def readable(page):
 
 
 def uncut(page):
-    """No text of the bar is cut in a window of any size."""
+    """Check that no text of the bar is cut in a window of any size."""
     for size in (LARGE, PHONE, DESKTOP):
         sized(page, size)
         page.wait_for_function(f"!{CUT}")

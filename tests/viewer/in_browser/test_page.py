@@ -17,7 +17,7 @@ def page(opened):
 
 @pytest.fixture(autouse=True)
 def no_fault(caplog, request):
-    """Nothing that a client does is a fault of the server; what is said of strangers is of the connections."""
+    """Check that the log has no fault of the server; messages about refused connections are allowed."""
     yield
     if "served" in request.fixturenames:
         faults = [record for record in caplog.records if record.levelno >= logging.ERROR]
@@ -25,7 +25,7 @@ def no_fault(caplog, request):
 
 
 def alive(page):
-    """The page does what a button says."""
+    """Check that the page reacts to a button."""
     begin_anew(page)
     press(page, "Step")
     page.get_by_text(re.compile("^step 1, ")).wait_for()
@@ -131,7 +131,7 @@ SHOWN = """name => {
 
 @pytest.fixture
 def ball(page):
-    """The page after `ball3d` was chosen in Explore, in the tab Map; its test is the last: none finds `tiny` again."""
+    """The page with `ball3d`, in the tab Map; its test must be the last, because `tiny` is no longer shown."""
     press(page, "Explore")
     page.wait_for_function("!location.hash.includes('layout=')")  # a change of layout closes the list of scenes
     page.get_by_role("button", name="Choose a scene").click()
