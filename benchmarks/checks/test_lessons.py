@@ -139,7 +139,7 @@ def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
     low = next(state for state in states[::-1] if state.last == 3)
     assert mean_error(measurement, staged) > 2 * mean_error(measurement, low)
     assert cost(measurement, staged.positions) > cost(measurement, low.positions) + 1
-    assert "Later error and misfit rise again" in text
+    assert "After that, error and misfit rise again" in text
     assert (
         low.sweep == 4 and round(mean_error(measurement, low)) == 3 and "after 4 sweeps the mean error is 3 mm" in text
     )

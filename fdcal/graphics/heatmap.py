@@ -24,7 +24,7 @@ BRIGHTEST = 0.3  # fraction of white on a slope that faces the light
 
 
 def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
-    """Return the surface of a map `heights` (ny, nx) above its level : points (ny + 2, nx + 2, 3) float64, metres.
+    """Return the surface of a map with `heights` (ny, nx) : points (ny + 2, nx + 2, 3) float64, metres.
 
     It goes through the middles of the cells and up to the edges of the map.
     """
