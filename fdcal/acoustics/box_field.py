@@ -27,11 +27,11 @@ interpretations. Either the air damps every wave by s nepers per second, or the 
 weighted with exp(-s t), as `fdcal.acoustics.spectrum` does with simulated recordings. Absorbing walls add their own
 damping, through h at the same k.
 
-The number N of modes below f, and the number n of frequencies in 1 Hz that carry independent information, are
+The number M of modes below f, and the number n of frequencies in 1 Hz that carry independent information, are
 
-    N(f)  = 4 pi/3 V (f/c)^3 + pi/4 S (f/c)^2 + L/8 f/c    in a box (Kuttruff, Room Acoustics, ch. 3)
-    N(f)  = pi A (f/c)^2 + P/2 f/c                         in a rectangle of two dimensions
-    n(f)  = min(dN/df, T60 / 2.2)                          independent frequencies in 1 Hz
+    M(f)  = 4 pi/3 V (f/c)^3 + pi/4 S (f/c)^2 + L/8 f/c    in a box (Kuttruff, Room Acoustics, ch. 3)
+    M(f)  = pi A (f/c)^2 + P/2 f/c                         in a rectangle of two dimensions
+    n(f)  = min(dM/df, T60 / 2.2)                          independent frequencies in 1 Hz
 
 V, S, L are the volume, the surface and the total edge length of a box; A and P are the area and the perimeter of a
 rectangle. 2.2 / T60 is the width of a resonance at -3 dB, Hz. Where resonances overlap (Schroeder 1962), the pressures

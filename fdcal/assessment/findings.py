@@ -2,7 +2,8 @@
 
 good                no check contradicts the result
 too_noisy           a large part of the power is noise or unexplained
-undersampled        the solver interpolates (Eq. 7), and the array cannot at the frequencies in use (Eq. 9)
+undersampled        the solver interpolates the field (Eq. 7); the array is too sparse for this at the frequencies in
+                    use (Eq. 9)
 not_converged       the solver stopped while microphones still moved
 known_position      a given position contradicts the recordings, or its channel is swapped
 sound_speed         the given positions or the given distance imply a sound speed that is hardly possible

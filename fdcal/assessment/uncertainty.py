@@ -6,7 +6,7 @@ After a run it follows from what the solver reports at its minimum (`PositionSpr
     Q   P H P, the part of P that is due to errors of the data, where H is the data's part of the Gauss-Newton matrix
     r   dispersion: the trace of the covariance that the differences between blocks of frequencies and takes imply,
         divided by the trace of Q
-    C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that is left
+    C   P + max(0, 3 (r - 1) / 4) Q + d d^T,   d the Newton step that remains at the end of the run
 
 P assumes the estimated noise and field, and the priors of gains, given positions and sound speed. A field of few waves
 is less random than this model, so that the blocks differ more than P predicts; r measures by how much. Since r is

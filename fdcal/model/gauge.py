@@ -7,8 +7,8 @@ Frames in which positions are given:
 
 known     the axes of the given positions of the known microphones
 minimal   the first microphone is the origin; the second lies on the positive x axis; the third lies in the x-y plane
-          with y > 0; the fourth of an array in space has z > 0. A microphone in line (in space, in one plane) with the
-          previous ones is skipped
+          with y > 0; the fourth of an array in space has z > 0. A microphone is skipped if it lies on one line with the
+          previous ones or, as the fourth in space, in one plane with them
 axes      the centroid of the array is the origin; x is its longest principal axis, y the next; the signs are such that
           the sum of the cubes of each coordinate is positive
 """

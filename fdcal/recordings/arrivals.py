@@ -13,8 +13,8 @@ reflection within the window shifts the time by about
 
     sigma = a sqrt(1 - rho^2) / rho / B
 
-which is the standard deviation of a maximum likelihood estimate at that ratio of signal to interference. A solver
-begins with this sigma and estimates the actual one.
+which is the standard deviation of a maximum likelihood estimate at the ratio of signal to interference that rho
+implies. A solver begins with this sigma and estimates the actual one.
 
     rho    correlation of the window with the template
     B      angular RMS bandwidth of the template

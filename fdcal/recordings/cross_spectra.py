@@ -1,7 +1,8 @@
 """Pressures from a stationary source: noise, music, speech or a machine, whose signal is unknown.
 
-Over one segment of length T, under a smooth window, the transforms of all channels at one frequency are the
-field there times the spectrum of what the source emitted: p s + noise. Their cross-spectral matrix over K segments is
+Over one segment of length T, under a smooth window, the transforms of all channels at one frequency are p s + noise:
+the field p at the microphones times the spectrum s of what the source emitted. Their cross-spectral matrix over K
+segments is
 
     C = |s|^2 p p^H + v I,
 
@@ -13,10 +14,10 @@ under w and w',
     f_p = f + Re sum(j X' conj X) / (2 pi sum |X|^2).
 
 Several independent sources, or one that moves, make C a sum of such terms: any linear combination of their fields is a
-sound field, too. So each leading eigenvector, times the root of its eigenvalue minus the noise, is a row of this
-frequency. With a single source the second eigenvalue is not zero either: noise makes it up to (1 + sqrt(N / K))^2 v,
-and a room that rings on beyond a segment makes it about 3.3 / (T d)^2 of the first one. The eigenvalue of a
-further row must be well above both.
+sound field, too. So each leading eigenvector is a row of this frequency, once it is multiplied by the root of the
+difference between its eigenvalue and the noise. With a single source the second eigenvalue is not zero either: noise
+makes it up to (1 + sqrt(N / K))^2 v, and a room that rings on beyond a segment makes it about 3.3 / (T d)^2 of the
+first one. The eigenvalue of a further row must be well above both.
 
     w    Hann's window, whose transforms follow from those without a window at three neighbouring bins
     d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequencies`
@@ -221,7 +222,7 @@ def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np
 
 
 def _bare_spectra(recording: Recording, length: int, starts, first: int, last: int) -> Iterator[np.ndarray]:
-    """Yield the bins `first` to `last` of every channel of each segment, without a window : (N, last - first + 1)."""
+    """Yield the bins `first` to `last` of every channel of each segment, without a window: (N, last - first + 1)."""
     for start in starts:
         values = read_samples(recording, int(start), int(start) + length).astype(np.float32)
         yield np.array([rfft(row)[first : last + 1] for row in values], complex)

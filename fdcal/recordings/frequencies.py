@@ -7,7 +7,7 @@ result has 0.5 to 0.8 of its size. Two frequencies that are close carry the same
 the response at time t and v its noise or, where that is less, the part that a model of the field cannot explain,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
-    T    = sum e / (e + v)         the time in which the response stands out
+    T    = sum e / (e + v)         the time during which the response exceeds v
 
 Samples at a spacing of 1 / T hold all information in the band, as for any response of length T. The late part of a
 response is weak, so T is about 5 T_eq where a room decays evenly, and more where the direct sound is strong.
