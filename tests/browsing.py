@@ -30,7 +30,7 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
-# A page draws the scene with each frame, by software, and what is waited for would be computed as often.
+# A page draws each frame by software, and would evaluate a condition as often.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
     window.requestAnimationFrame = act => setTimeout(() => draw(act), 120);
@@ -161,7 +161,7 @@ def hover(page, pixel):
     where = pixel if callable(pixel) else lambda: fixed  # a function where the camera may still be on its way
     for _ in range(int(WAIT)):
         pixel = where()
-        page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # a pointer that has not moved is not looked at again
+        page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # viser ignores a pointer that has not moved
         page.mouse.move(*pixel, steps=4)
         for _ in range(10):
             if page.evaluate(over):

@@ -35,9 +35,9 @@ from fdcal.solvers import starts, warmup_calls
 
 gc.set_threshold(
     10_000
-)  # called for each 700 new objects, the garbage collector takes a tenth of the time of all tests
+)  # after every 700 new objects, the garbage collector would take a tenth of the time of all tests
 
-# Ignored in the background of a shell, or by nohup, which all processes would inherit.
+# Signals are ignored in the background of a shell and under nohup; all processes would inherit this.
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, handler)

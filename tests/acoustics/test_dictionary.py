@@ -200,7 +200,7 @@ def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():
     assert np.allclose(measurement.pressures[::10], expected)
 
 
-# Damaged files of a response, in a process of its own.
+# Damaged files of a response, read in a separate process.
 
 
 @pytest.fixture

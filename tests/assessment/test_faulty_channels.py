@@ -74,7 +74,7 @@ def test_channels_that_all_differ_are_not_at_fault(healthy):
     found, faulty = found_in(replace(healthy, pressures=healthy.pressures * 10 ** (gains_db / 20)))
     assert faulty == {} and found.verdict == "good"
     off = found.channels.gain_db - gains_db
-    off -= np.median(off)  # a gain that all share belongs to the source
+    off -= np.median(off)  # a gain common to all channels belongs to the source
     assert np.max(np.abs(off)) < 0.5 and np.mean(np.abs(off) < 2.5 * found.channels.gain_sigma_db) > 0.85
     assert np.max(errors(found, healthy)) < 0.02
 
@@ -87,7 +87,7 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     assert [(n, one.kind) for n, one in faulty.items()] == [(FAULTY, "dead")] and found.verdict == "good"
     others = ~np.isin(np.arange(COUNT), list(faulty))
     shift = np.linalg.norm(found.positions - solved(healthy).assessment.positions, axis=1)[others]
-    # what the channel said about the others is lost, which is within their uncertainty
+    # without this channel the others change, within their uncertainty
     assert np.all(shift < 2 * found.uncertainty[others])
 
 
@@ -191,7 +191,7 @@ def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
     covariance = np.array(covariance_of(noisy))
     assert list(faulty_channels(noisy, covariance, NAMES)) == [FAULTY]
     assert faulty_channels(low, covariance, NAMES) == {}
-    covariance[FAULTY] = 0.03**2 * np.eye(2)  # an error of the position causes as much
+    covariance[FAULTY] = 0.03**2 * np.eye(2)  # an error of the position causes an equally large residual
     assert faulty_channels(noisy, covariance, NAMES) == {}
 
 

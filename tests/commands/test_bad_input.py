@@ -102,7 +102,7 @@ def test_files_and_folders_that_are_not_there_exit_3(refused, arguments, words):
     assert re.search(words, refused(*arguments, code=3))
 
 
-# Errors below the command line name arguments, and the command line words each of them as its own option.
+# Errors below the command line name arguments; the command line names its own options instead.
 
 
 PACKAGE = Path(__file__).parents[2] / "fdcal"

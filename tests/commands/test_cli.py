@@ -36,7 +36,7 @@ def test_the_files_hold_all_of_the_measurement_and_of_the_result(made, tmp_path,
     assert 0 <= result["mean_error_m"] <= result["max_error_m"]
     corrected = np.array(result["positions"])[measurement.known] - measurement.known_positions
     assert 0 < np.abs(corrected).max() < 1e-3, "given positions are uncertain, and here they are right"
-    options = ("--modes", 12, "--seed", 1, "--time-limit", 60)  # a run with a limit of time is not a remembered one
+    options = ("--modes", 12, "--seed", 1, "--time-limit", 60)  # a run with a time limit is not reused
     assert exit_code("calibrate", "tiny", *options, "-o", tmp_path / "again.json") == 0
     printed = capsys.readouterr()
     assert "13 of 16 microphones" in printed.out and printed.err == ""

@@ -63,7 +63,7 @@ def climbs(cost):
             places = np.flatnonzero(pools.ravel() == pool)
             lowest = places[flat[places].argmin()]
             found.setdefault(lowest, np.inf)
-            for minimum in set(found) & set(places.tolist()) - {lowest}:  # whose pool has run over into a lower one
+            for minimum in set(found) & set(places.tolist()) - {lowest}:  # whose pool overflows into a lower one
                 found[minimum] = min(found[minimum], level - flat[minimum])
     return found
 

@@ -48,7 +48,7 @@ def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(or
     for one, mean, wavenumber in zip(p, means, k, strict=True):
         W = fourier_bessel(GUESS[at], wavenumber, order, CENTRE)
         np.testing.assert_allclose(W @ eq7.coefficients(W, one), mean, atol=1e-9)
-        distinct = one.reshape(4, 5).mean(axis=0)  # of all solutions Eq. 5 takes the one of least norm
+        distinct = one.reshape(4, 5).mean(axis=0)  # Eq. 5 selects the solution of least norm
         shortest = W[:5].conj().T @ np.linalg.solve(W[:5] @ W[:5].conj().T, distinct)
         np.testing.assert_allclose(eq7.coefficients(W, one), shortest, atol=1e-6 * np.abs(shortest).max())
         (fit,) = eq7.leave_one_out_fits([W], one[None], 7)

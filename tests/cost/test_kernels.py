@@ -278,7 +278,7 @@ def test_threads_give_the_same_bits_as_one_core_and_blocks_the_same_numbers(kern
         monkeypatch.setattr(kernels, "BLOCK", largest)
         monkeypatch.setattr(kernels, "WORTH_THREADS", least)
         terms, (values, along) = likelihood_terms(x, p, field, channels), spectra(x, p, field)
-        spectrum = np.sort(values, axis=1), along.sum(axis=1)  # eigenvalues that are zero may stand in other places
+        spectrum = np.sort(values, axis=1), along.sum(axis=1)  # zero eigenvalues may be in another order
         found.append([terms.costs, terms.gradient, terms.curvature, terms.weighted, terms.precision, *spectrum])
     for whole, one_core, threads in zip(*found, strict=True):
         np.testing.assert_array_equal(threads, one_core)

@@ -109,7 +109,7 @@ EYES = {
     "no long ones": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
     "no middle ones": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
 }
-APART = 15  # in CIELAB; two is just seen side by side
+APART = 15  # in CIELAB; a distance of two is just visible side by side
 
 
 def lab(colours, eye):

@@ -23,7 +23,7 @@ from fdcal.viewer.html import canvas_legend
 
 SIZE = (1280, 800)
 PLANE = [name for name, mark in MARKS.items() if mark.text and name != "isosurfaces"]  # marks of a plane array
-# Labelled where they stand, or part of a mark.
+# These have labels in the scene, or are parts of a mark.
 SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/", "ball/")
 
 

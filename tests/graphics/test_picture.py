@@ -76,7 +76,7 @@ def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_an
     """Solver robust begins with an array that fits only some of the given positions."""
     estimate = measurement.positions.copy()
     estimate[[1, *range(3, len(estimate))]] += 0.05
-    estimate[2] += 1e-4  # its square covers that
+    estimate[2] += 1e-4  # its square hides such a small distance
     drawn = pictures.compose(scene, measurement, estimate)
     squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
     np.testing.assert_allclose(squares[:, :2], measurement.known_positions, atol=1e-6)

@@ -253,12 +253,12 @@ def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_th
         row, column = np.argwhere(np.abs(image - LOWEST).max(axis=2) < 20).mean(axis=0)  # in part below the ball
         np.testing.assert_allclose([column, row], page.evaluate("replay.drawn(12)"), atol=10)
         weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
-        for cost in (weak, strong):  # one rule for the scale, as all pictures have it
+        for cost in (weak, strong):  # the scale follows the same rule as in all pictures
             low, high = colour_limits(cost, True)
             ends, first, last = page.evaluate(SCALE_OF, json.dumps(cost.tolist()))  # as a text: an array takes seconds
             np.testing.assert_allclose(ends, 10 * np.log10([low, high]), atol=1e-9)
             wanted = to_rgb(normalise(np.array([cost[0], cost[-1]]), low, high, True))
-            np.testing.assert_allclose([first, last], wanted, atol=4)  # a rounding may take the next colour
+            np.testing.assert_allclose([first, last], wanted, atol=4)  # rounding may select the next colour
 
 
 SCALE_OF = """text => {

@@ -134,7 +134,7 @@ def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
 
 def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
     address = page.url.partition("#")[0]
-    page.goto("about:blank")  # else the page could write an address without the opening before it is loaded again
+    page.goto("about:blank")  # otherwise the page could write an address without the opening before it is loaded again
     page.goto(f"{address}#step=0&microphone={MICROPHONE}&modes=17&view=top&opening=on")
     wait_for(page, "document.getElementById('words').innerText.startsWith('One frequency')")
     count = page.evaluate("replay.map.minima.count")

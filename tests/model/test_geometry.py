@@ -97,7 +97,7 @@ def across(outline, positions):
 
 def test_array_round_a_corner_or_on_both_sides_of_a_slot_is_refused():
     places = ((1.51, 1.91), (2.49, 1.91), (2.49, 2.81), (1.51, 2.81))
-    for end in (2.3, 1.0):  # a slot that ends between the microphones, and one that parts them
+    for end in (2.3, 1.0):  # a slot that ends between the microphones, and one that separates them
         slot = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (2.02, 5.0), (2.02, end), (2.0, end), (2.0, 5.0), (0.0, 5.0))
         refuses("nothing may obstruct", arrays.positions_of, across(slot, places))
     scene = across(None, ((3.91, 4.01), (5.01, 2.91), (3.51, 2.51), (2.51, 2.51)))
@@ -142,7 +142,7 @@ def test_alignment_undoes_any_rigid_motion(dimension, mirror):
     assert fixes_gauge(flat) and not fixes_gauge(flat[:-2]) and not fixes_gauge(np.outer(np.arange(4.0), flat[0] + 1))
 
 
-# A source drawn at random keeps its distances, everywhere in the room, or is not found.
+# A random source keeps its distances everywhere in the room, or is not found.
 
 
 MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])

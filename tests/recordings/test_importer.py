@@ -291,7 +291,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
         assert words in import_summary(measurement, report)
         assert measurement.frequencies[-1] <= report.highest_frequency < 500
         assert report.highest_frequency == pytest.approx(limit) or name == "bare.npz"
-    close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]  # which say nothing of the others
+    close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]  # which contain nothing about the others
     known = write_places(tmp_path / "known.csv", places()[close], close)
     _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
     assert limit / 2 < report.highest_frequency < 2 * limit
@@ -324,7 +324,7 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
 
 
 def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_nobody_gave(tmp_path):
-    # the same in every channel, but for what each has alone, has the coherence of an array of tens of metres
+    # a common signal with independent noise in each channel has the coherence of a very large array
     rng = np.random.default_rng(5)
     own, common = rng.standard_normal((8, 10 * FS)), rng.standard_normal(10 * FS)
     np.savez(tmp_path / "a.npz", recordings=own + 0.4 * common, sample_rate=FS, kind="stationary")

@@ -152,7 +152,7 @@ def geometry(old: str, new: str) -> str:
         ("t.xml", geometry('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"'), "not valid XML"),
         ("t.xml", geometry(' x="', ' u="'), "no column of"),
         ("t.xml", geometry("</MicArray>", ""), "not valid XML"),
-        # what only Python takes for a number
+        # texts that only Python accepts as numbers
         *(("t.csv", f"name,x,y\na,1,2\nb,{cell},3\n", "line 3") for cell in "1_0 ٣ nan inf 1e400 0x1".split(" ")),
         ("t.csv", "name,x,y\na,1,2\nb,,3\n", "line 3"),
         ("t.csv", "", "must begin with the line name,x,y"),

@@ -18,7 +18,7 @@ from fdcal.session import doctor
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import measurement_input
 
-pytestmark = pytest.mark.usefixtures("remembered_runs")  # the list takes no part in a blind calibration
+pytestmark = pytest.mark.usefixtures("remembered_runs")  # a blind calibration does not use the list
 
 RATE = 4000
 

@@ -84,7 +84,7 @@ def test_a_refused_request_names_microphones_sizes_and_frequencies_with_their_di
     refuses(words, make)
 
 
-LARGE = ("ball 40 0.4",)  # of which short windows do not count
+LARGE = ("ball 40 0.4",)  # whose short windows are not used
 
 
 def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_the_number_of_takes():

@@ -16,7 +16,7 @@ from fdcal.session import session as module
 from fdcal.session.session import Session, SolverRun, StateCosts
 from fdcal.session.worker import Lane, LatestWorker, Scheduler
 
-WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
+WAIT = 20.0  # s, bound of every wait; if the law holds, no wait reaches it
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def test_close_ends_the_thread_while_playing_and_an_error_in_the_first_init_reac
     session = Session(None, None, 0, module=solver)
     session.play()
     assert solver.began.acquire(timeout=WAIT)
-    assert not session.close(timeout=0.0)  # the step under way holds it
+    assert not session.close(timeout=0.0)  # the step in progress delays it
     solver.gate.release()
     assert session.close(WAIT) and not session.view.running
 

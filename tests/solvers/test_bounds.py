@@ -154,7 +154,7 @@ CASES = [("noise", "joint"), ("twins", "robust"), ("high", "robust"), ("noise", 
 
 @pytest.mark.parametrize(("kind", "solver"), CASES)
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
-    readings = itertools.count(1.0)  # of a clock that goes on by a second each time it is read
+    readings = itertools.count(1.0)  # of a clock that advances by a second whenever it is read
     settings = SolverSettings(name=solver, modes=2 if solver == "descent" else MODES, first_modes=2)
     inputs = replace(inputs_of(absurd(kind), time_limit=20.0), settings=settings)
     result = solve(inputs, clock=lambda: next(readings))

@@ -124,7 +124,7 @@ def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_wit
     assert end.assessment.verdict == "good" and not end.faulty
     found, sigma = end.estimate.channels.filters, end.estimate.channels.filter_sigma
     error = found - np.column_stack([343.0 * delays, corners / CORNER_TO_HZ])
-    error = error - np.median(error, axis=0)  # a delay that all share belongs to the source, a corner is hardly seen
+    error = error - np.median(error, axis=0)  # a common delay belongs to the source, a common corner is hardly visible
     assert np.all(np.mean(np.abs(error) < 3 * sigma + [2e-4, 0.02], axis=0) > 0.9)
 
 

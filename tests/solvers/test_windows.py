@@ -73,7 +73,7 @@ def test_the_gradient_of_the_term_is_that_of_its_cost(term):
 def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
     values, vectors = np.linalg.eigh(free := np.linalg.pinv(term.precision, rcond=1e-9, hermitian=True))
     z = np.sqrt(2 * np.maximum(values, 0)) * np.random.default_rng(4).standard_normal(18)
-    away = vectors @ z  # as of two covariances that are alike
+    away = vectors @ z  # as if two covariances were equal
     assert term.disagreement(term.positions, free) == 1
     near, far = (term.disagreement(term.positions + c * away.reshape(6, 3), free) for c in (1, 5))
     assert near < 2.5 and 10 < far < 50

@@ -63,7 +63,7 @@ def controls(server, work):
 @pytest.fixture
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
-    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would go through the gate, too
+    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would also pass the gate
     page = SimpleNamespace(server=server, panels=Panels(server.gui), nodes=SceneNodes(server), wake=Flag(), open=None)
     made = session_view.Viewer(page, work)
     yield made

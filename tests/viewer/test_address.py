@@ -113,7 +113,7 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
         assert len(client.notified) == 1 and "\n" not in client.notified[0], part
     assert "100%25" in client.notified[0] and "100%2525" not in client.notified[0], "decoded once"
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
-        page.panels.overlay.receive(SimpleNamespace(), value)  # a client that could not even be told
+        page.panels.overlay.receive(SimpleNamespace(), value)  # a client that cannot receive a notification
     assert page.viewer.binding.choices is before and page.switcher.idle
     command(page, "open=lesson=none_such")  # the film of the opening covers a notification
     turn_until(lambda: "there is no lesson &quot;none_such&quot;" in page.panels.overlay._regions["bar"].content)

@@ -145,7 +145,7 @@ def opened(page_of, monkeypatch):
 def opened_with(page_of, monkeypatch, scene, **choices):
     """The page of a scene with the map of microphone 9."""
     monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
-    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path comes too late
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # so that no path is too late
     page, turn_until = page_of
     page.open(OpenRequest(scene, choices={"microphone": 9, "follow": False, "objective": False, **choices}))
     drawn = lambda: page.viewer is not None and page.viewer.snapshot.picture  # noqa: E731

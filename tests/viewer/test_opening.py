@@ -120,7 +120,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     invitation = page.get_by_text(INVITATION)
     assert not invitation.is_visible(), "there was no film"
 
-    def invited():  # as by the film at its end; an answer to the slider that comes only now takes it back
+    def invited():  # as the film does at its end; a late answer to the slider would remove the invitation
         page.evaluate("document.documentElement.setAttribute('data-invited', '')")
         assert invitation.is_visible()
 
@@ -139,8 +139,8 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
         fingers = [at] if number < 5 else [at, other]
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
         page.wait_for_timeout(100)
-    # As far from the finger as at first, 17 pixels, by 12: its height on the relief depends on the moves on the way, of
-    # which a slow browser leaves some out.
+    # It is as far from the finger as before, 17 by 12 pixels: its height on the relief depends on the moves, of
+    # which a slow browser omits some.
     disc = f"const [x, y] = ({DISC})({opening.MICROPHONE})"
     below = f"place => {{ {disc}; return Math.hypot(x - place.x, y - place.y) < 12; }}"
     page.wait_for_function(below, arg={axis: at[axis] - 0.5 * REACH for axis in "xy"})
@@ -212,7 +212,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     first.wait_for_function("location.hash.includes('map=none')")
 
     second.get_by_role("button", name="Your turn").press("t")  # any other key is one
-    second.locator(FILM_NODE).wait_for(state="detached")  # there is no map that it could give way to
+    second.locator(FILM_NODE).wait_for(state="detached")  # there is no map for which the film could wait
     second.wait_for_function("location.hash.includes('microphone=0')")
     assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
     second.close()

@@ -150,7 +150,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
     assert sweep.worker.latest is None and not sweep.worker.busy and not sweep._plot.folder.visible
     assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
-    turn_until(lambda: sweep.summed.value == state.last)  # where nobody has chosen any, they are the solver's
+    turn_until(lambda: sweep.summed.value == state.last)  # if nobody has chosen modes, those of the solver are shown
     set_by_client(sweep.play, True)
     turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
     turn_until(lambda: sweep.play.label == "Stop")

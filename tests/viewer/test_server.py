@@ -98,7 +98,7 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
         ("localhost:{port}", "null", 403),
         ("127.0.0.1:{port}", "http://127.0.0.1.evil.example", 403),
         ("localhost:{port}", "https://localhost.evil:80", 403),
-        ("evil.example:{port}", "http://evil.example:{port}", 403),  # a name that was made to lead to this machine
+        ("evil.example:{port}", "http://evil.example:{port}", 403),  # a foreign name that resolves to this machine
         ("localhost:{port}", None, 403),
     ],
 )

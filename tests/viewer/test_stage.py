@@ -58,7 +58,7 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(p
 
 
 def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measurement):
-    fresh = hardening.open_server("127.0.0.1", 0)  # where its cameras start is viser's own choice
+    fresh = hardening.open_server("127.0.0.1", 0)  # viser chooses where its cameras start
     try:
         start = tuple(fresh.initial_camera.position)
         placed = cameras.Cameras(fresh)

@@ -49,7 +49,7 @@ def opened(shared):
             button.click()
             button.wait_for(state="hidden")
 
-    def as_wanted():  # asked for again where an answer to what was done before has changed it meanwhile
+    def as_wanted():  # requested again if a late answer to an earlier action has changed it
         shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&layout=expert'")
         shared.wait_for_timeout(100)
         assert shared.get_by_role("button", name="Restart", exact=True).is_visible()

@@ -24,7 +24,7 @@ ANSWERS = """() => {
     return [caption.top, steps.top, ...answers.map(one => [one.top, one.bottom])];
 }"""
 LESSON = "3_too_many_too_soon"
-CONTRAST = 4.5  # at least, of a text and what is behind it (WCAG 2.2, 1.4.3)
+CONTRAST = 4.5  # least contrast of a text and its background (WCAG 2.2, 1.4.3)
 
 # The lowest contrast of all texts that are seen, and that text.
 LOWEST_CONTRAST = """() => {
@@ -64,7 +64,7 @@ CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, 
     node.checkVisibility({visibilityProperty: true}) && node.scrollWidth > node.clientWidth).length"""
 
 
-# Names of controls, in which a word is wider than its room.
+# Names of controls that contain a word wider than the available space.
 CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
     const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
     pen.font = getComputedStyle(label).font;
@@ -198,7 +198,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     page.get_by_text("misfit (dB)").wait_for()
     step = page.locator("[data-do='step=Step']")
     said = re.fullmatch(r"Move microphone (\d+) to its lowest point", step.inner_text())
-    step.click()  # it does what it says, draws the move, and goes on to the next
+    step.click()  # it moves the named microphone, draws the move, and names the next one
     page.get_by_text("moves by").wait_for()
     page.wait_for_function("!/modes=[\\d]|microphone/.test(location.hash)")  # the map is that of what is minimised
     page.wait_for_function(f"!document.querySelector(\"[data-do='step=Step']\").innerText.includes('{said[1]} ')")
@@ -289,7 +289,7 @@ def test_a_lesson_is_a_caption_in_both_layouts_and_on_a_phone_and_what_was_befor
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
     press(page, "Restore settings")
-    end.click()  # the answers above it go and come meanwhile, and it is still what it was
+    end.click()  # the answers above it are replaced meanwhile, but the button is not
     caption.wait_for(state="hidden")
     page.locator("[data-do=state][max='1']").wait_for()
     page.wait_for_function("location.hash.includes('microphone=0')")

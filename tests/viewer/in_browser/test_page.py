@@ -89,7 +89,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     page.wait_for_function("location.hash.includes('microphone=7')")
     tab(page, "Map")
     handle = slider(page, "Microphone")
-    until(page, lambda: of_microphone(page, 7))  # its value comes after the address
+    until(page, lambda: of_microphone(page, 7))  # its value changes after the address
     handle.focus()
     place = "window.__viserMutable.camera.position.toArray().join()"
     before = page.evaluate(place)
