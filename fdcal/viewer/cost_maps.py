@@ -232,7 +232,7 @@ class CostMapWorker:
         self._fine_worker = threads.worker(self._compute_fine)
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
-        """Return the map to show, or None, and the error because of which it cannot be computed, or "".
+        """Return the map to show, or None, and the error that prevents its computation, or "".
 
         `wanted`: the map of the state on the screen; it is requested, unless it is in progress or the last request was
         too recent; `running`: whether the solver runs; `now`: time, s.

@@ -241,7 +241,7 @@ class Overlay:
 
 
 def whole(value: str, low: int, high: int) -> int:
-    """Return the whole number in a command, within bounds; InputError if it is not one."""
+    """Return the whole number in a command, limited to the bounds; InputError if the text is no whole number."""
     if not re.fullmatch(r"-?[0-9]{1,9}", value):
         raise InputError(f'"{value[:40]}" is not a whole number', f"use {low} to {high}")
     return min(max(int(value), low), high)

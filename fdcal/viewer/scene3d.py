@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import trimesh
 
 TOLERANCE = 1e-3  # relative difference up to which camera positions count as equal
-AIM_TOLERANCE = 4e-6  # largest distance of a target from the point at which a camera aims, over that of the camera
+AIM_TOLERANCE = 4e-6  # largest error of a camera's aim at its target, relative to the distance of the target
 DEPTH_RANGE = 40.0  # objects are drawn at distances from 1 / 40 of the target's distance to 40 times it
 MAX_PIXELS = 16384  # largest width or height of a canvas
 
@@ -319,8 +319,7 @@ class SceneNodes:
         self.parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._labels = server.gui.add_html(content("labels"), visible=False)
-        # The x of this node counts the changes of the texts: a page shows new texts when it has drawn this node's new
-        # x.
+        # The x of this node counts the changes of the texts: a page shows new texts when it has drawn the new x.
         self._labelled = server.scene.add_frame("/labelled", show_axes=False)
         self._texts = ""
         self._numbers = itertools.count()
@@ -354,8 +353,7 @@ class SceneNodes:
     def remove_old(self, now: float | None = None) -> None:
         """Remove old surfaces that nothing replaces, and the others some time after new ones have replaced them.
 
-        Otherwise a page would show no surface while it reads the new one. The main loop calls this at the time `now`,
-        s.
+        Otherwise a page would show no surface while it reads the new one. The main loop passes the time `now`, s.
         """
         kept = []
         for name, since, handle in self._replaced:
