@@ -96,7 +96,7 @@ def plane_wave_pressures(
 
     `positions` (N, 3), metres, are relative to the origin of the response; `sound_speed` is in m/s.
     """
-    # (T, N), s, by which each wave arrives earlier at a microphone than at the origin
+    # (T, N), s: how much earlier each wave arrives at a microphone than at the origin
     lead = response.directions @ np.asarray(positions, float).T / sound_speed
     pressures = np.empty((len(frequencies), lead.shape[1]), complex)
     for m, f in enumerate(np.asarray(frequencies, float)):

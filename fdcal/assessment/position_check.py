@@ -160,8 +160,7 @@ class PositionCheck:
         Metres, distance of each position of the list from the nearest other one.
     scale : float
         Ratio of the size of the list to that of the array found; 1 unless they differ by more than a tenth, as with
-        other units.
-        The lengths above belong to the list divided by this scale.
+        other units. The lengths above belong to the list divided by this scale.
     symmetric : bool
         Whether the list also fits after a rotation or reflection of the array, because this is symmetric. A swap of
         most channels that equals such a motion cannot be detected.

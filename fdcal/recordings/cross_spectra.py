@@ -222,7 +222,7 @@ def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np
 
 
 def _bare_spectra(recording: Recording, length: int, starts, first: int, last: int) -> Iterator[np.ndarray]:
-    """Yield the bins `first` to `last` of every channel of each segment, without a window: (N, last - first + 1)."""
+    """Yield the bins `first` to `last` of every channel of each segment, without a window : (N, last - first + 1)."""
     for start in starts:
         values = read_samples(recording, int(start), int(start) + length).astype(np.float32)
         yield np.array([rfft(row)[first : last + 1] for row in values], complex)

@@ -276,7 +276,8 @@ class ForecastRules:
     # Largest ratio that is compared, dB. Differences of 0.1 dB and 0.5 degrees between the channels cause the same
     # errors as noise 38 dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0
-    # relative one sigma of the size above which a plan mentions it: 10 mm in an array of 1 m, like the default accuracy
+    # A plan mentions one sigma of the size, relative, if it exceeds this: 10 mm in an array of 1 m, which equals the
+    # default accuracy.
     blurred: float = 0.01
     # Number of independent short windows, of all frequencies together, that explains the errors of `python -m
     # benchmarks comparison`.

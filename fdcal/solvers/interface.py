@@ -79,7 +79,7 @@ class PositionSpread:
 
     @property
     def excess(self) -> float:
-        """How much the variance of the data's errors exceeds that which the field model predicts, relative to it."""
+        """Relative amount by which the variance of the data's errors exceeds the prediction of the field model."""
         return EXCESS * max(0.0, self.dispersion - 1)
 
 

@@ -260,7 +260,7 @@ def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
 
 
 def _tangents(u: Reals) -> np.ndarray:
-    """Return orthonormal bases (T, dimension, dimension - 1) perpendicular to unit vectors (T, dimension)."""
+    """Return orthonormal vectors (T, dimension, dimension - 1) perpendicular to unit vectors (T, dimension)."""
     v = np.array(u)
     v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
     reflected = v[:, :, None] * (-2 / (v**2).sum(axis=1)[:, None, None] * v[:, None, 1:])

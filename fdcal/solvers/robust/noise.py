@@ -263,7 +263,8 @@ def healthy(model: Model) -> np.ndarray:
     return model.channel_noise < SUSPICIOUS
 
 
-# nepers, log gain below which a channel counts as silent: a dead channel can fit as one of low gain far outside
+# nepers, log gain below which a channel counts as silent; the solver may take a dead channel for a microphone of low
+# gain far outside the array
 SILENT_GAIN = -3.0
 
 
@@ -317,9 +318,8 @@ def with_last_field(problem: Problem, state: State) -> State:
 
 # Weight of the power by direction of a take when that of one of its rows is estimated, as a number of observations, for
 # fields of 2 and of 3 dimensions. It is lower in two dimensions, because the modes of a plate differ more than the
-# frequencies of a room. If all rows of a take had the same power by direction, the errors of
-# 9 of 27 arrays would be 4 to 160 % larger; if all takes had the same one, a measured array of 70 microphones would not
-# be found.
+# frequencies of a room. If all rows of a take had the same power by direction, the errors of 9 of 27 arrays would be 4
+# to 160 % larger; if all takes had the same one, a measured array of 70 microphones would not be found.
 DIRECTION_COUNT = {2: 0.3, 3: 3.0}
 
 
