@@ -51,15 +51,15 @@ def _best_times(*functions) -> list[float]:
 
 
 def _update(grid, fields):
-    """Function that takes STEPS steps, as `fdcal.acoustics.fdtd.advance` does, the tables of the grid being made
-    beforehand."""
+    """Return a function that takes STEPS steps, as `fdcal.acoustics.fdtd.advance` does, with tables of the grid that
+    are made beforehand."""
     state = np.stack([padded(field, padded_width(grid)) for field in fields])
     tables = stencil_tables(grid, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))))
     return lambda: march(state, 0, STEPS, tables)
 
 
 def _numpy_update(grid, fields):
-    """Function that takes SLOW_STEPS steps, rigid walls included, without a temporary array."""
+    """Return a function that takes SLOW_STEPS steps, rigid walls included, without a temporary array."""
     old, now = (np.pad(field, 1) for field in fields)
     lam2, total, scaled = grid.courant**2, np.empty(grid.mask.shape), np.empty(grid.mask.shape)
     centre = 2 - lam2 * grid.stiffness
@@ -82,7 +82,7 @@ def _numpy_update(grid, fields):
 
 
 def _copy(fields):
-    """Function that copies the two fields that an update reads, COPIES times."""
+    """Return a function that copies the two fields that an update reads, COPIES times."""
     source, target = np.array(fields), np.empty_like(fields)
 
     def copy():

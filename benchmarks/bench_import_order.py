@@ -45,7 +45,7 @@ def result(child: subprocess.Popen) -> list[float]:
 
 
 def measured(at_once: int) -> dict[str, list[list[float]]]:
-    """Return the results of each order, with so many processes of it at once."""
+    """Return the results of each order, with `at_once` processes of it at a time."""
     runs: dict[str, list[list[float]]] = {order: [] for order in ORDERS}
     for _ in range(ROUNDS):
         for order in ORDERS:

@@ -25,7 +25,7 @@ ROOM = 7.0, 6.4, 2.7  # m
 REFLECTION = 0.72  # of the pressure at every wall: 0.38 s to fall by 60 dB, as in the true data set
 SPEED = 343.2  # m/s
 RATE, SAMPLES = 48_000, 32_768
-FEWER = 12  # the sum over images is taken at a rate this much lower
+FEWER = 12  # factor by which the sampling rate of the sum over images is lower
 TAPS, FINE = 64, 512  # of the pulse that stands for an image, and its points per sample
 # The command in a child of a small process: a child of this one would be charged with what this one holds.
 MEASURED = """
@@ -39,13 +39,13 @@ SOURCE = 5.9, 5.1, 0.9  # m
 
 
 def mesh(shape=(21, 21, 9), spacing=0.05) -> np.ndarray:
-    """Positions of the microphone about the origin (M, 3), metres, as MeshRIR numbers them: x slowest."""
+    """Return positions of the microphone about the origin (M, 3), metres, as MeshRIR numbers them: x slowest."""
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
     return np.stack([c.ravel() for c in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
 def responses(places: np.ndarray, source=SOURCE, room=ROOM, reflection=REFLECTION, speed=SPEED) -> np.ndarray:
-    """Impulse responses (M, SAMPLES) float64 at `places` (M, 3) in the room, metres."""
+    """Return impulse responses (M, SAMPLES) float64 at `places` (M, 3) in the room, metres."""
     images, strength = _images(np.array(source), np.array(room), reflection, speed * SAMPLES / RATE)
     t = np.arange(-TAPS // 2 * FINE, TAPS // 2 * FINE + 1) / FINE
     pulse = 0.6 * np.sinc(0.6 * t) * np.cos(np.pi * t / TAPS) ** 2
@@ -92,7 +92,7 @@ def _add(out, places, images, strength, per_sample, pulse):
 
 
 def write_folder(folder: Path, places: np.ndarray, simulated=None, snr_db: float = 40.0, seed: int = 0) -> None:
-    """A MeshRIR folder. The noise is white and so much below the mean power from 20 to 500 Hz.
+    """Write a MeshRIR folder. The noise is white, `snr_db` below the mean power from 20 to 500 Hz.
 
     Only the positions numbered in `simulated` are simulated (all unless given); the others hold noise, to save time.
     """
@@ -114,9 +114,9 @@ def write_folder(folder: Path, places: np.ndarray, simulated=None, snr_db: float
 
 
 def from_folder(folder: Path, options: tuple[str, ...], out: Path, truth=None) -> tuple[float, float, float]:
-    """Seconds, megabytes and RMS error in metres, from the folder to positions by the commands that a user types.
+    """Return seconds, megabytes and RMS error, metres, from the folder to positions by the commands that a user types.
 
-    `truth` (N, D), metres, where the folder does not hold it.
+    `truth` (N, D), metres, if the folder does not contain it.
     """
     file, result = out / "taken.npz", out / "result.json"
     start, greatest = time.perf_counter(), 0.0
@@ -132,7 +132,7 @@ def from_folder(folder: Path, options: tuple[str, ...], out: Path, truth=None) -
 
 
 def _error(file: Path, result: dict, truth=None) -> float:
-    """RMS, metres, after the best rigid motion where no microphone was known."""
+    """Return the RMS error, metres; after the best rigid motion if no microphone was known."""
     measurement, positions = load_measurement(file), np.array(result["positions"])
     truth = measurement.positions if truth is None else truth
     if not len(measurement.known):

@@ -255,7 +255,7 @@ def _agreement(found: list[Found]) -> str:
 
 
 def line(name: str, found: list[Found]) -> str:
-    """One line of the table."""
+    """Return one line of the table."""
     errors, claims = np.array([one.error for one in found]), np.array([one.claim for one in found])
     if not np.isfinite(errors).any():
         return f"{name:<44} refused"

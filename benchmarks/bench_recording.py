@@ -22,7 +22,7 @@ RATE, SECONDS, SNR_DB = 48_000, 60.0, 30.0
 
 
 def plane_responses(places: np.ndarray) -> np.ndarray:
-    """Impulse responses (N, T) at 48 kHz in a room of 6 x 5 m, simulated at half of that."""
+    """Return impulse responses (N, T) at 48 kHz in a room of 6 x 5 m, simulated at half this rate."""
     room = Room(outline=((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (0.0, 5.0)), walls="absorbing", admittance=0.05,
                 sound_speed=bench_meshrir.SPEED, cell=0.025)  # fmt: skip
     source = Source(position=(5.4, 4.4), low=15.0, high=800.0, sample_rate=RATE / 2, duration=2.0)
@@ -48,7 +48,7 @@ def write_wav(path: Path, responses: np.ndarray, seed: int = 0) -> None:
 
 
 def plane(count: int = 32, seed: int = 0) -> np.ndarray:
-    """Microphones over 0.8 m, the first four near the corners, on cells of the simulation (N, 2), metres."""
+    """Return microphones over 0.8 m, the first four near the corners, on cells of the simulation (N, 2), metres."""
     rng = np.random.default_rng(seed)
     corners = np.array([[-0.4, -0.4], [0.4, -0.4], [-0.4, 0.4], [0.4, 0.4]])
     places = np.concatenate([corners, rng.uniform(-0.4, 0.4, (count - 4, 2))]) + [2.5, 2.1]
@@ -56,7 +56,7 @@ def plane(count: int = 32, seed: int = 0) -> np.ndarray:
 
 
 def ball(count: int = 64, radius: float = 0.5, seed: int = 0) -> np.ndarray:
-    """Microphones in a ball, the first five far out (N, 3), metres."""
+    """Return microphones in a ball, the first five far out (N, 3), metres."""
     rng = np.random.default_rng(seed)
     far = radius * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1], [1, 0, 0]]) / np.sqrt(3)
     inside = rng.normal(size=(count - 5, 3))

@@ -44,7 +44,7 @@ GIVEN, WRONG, OFFSET = 6, 2, 0.1  # given positions, how many of them are wrong,
 
 @dataclass(frozen=True)
 class Job:
-    """A case, what was calibrated, and what came of it."""
+    """A case, the input of its calibration, and the result."""
 
     case: Case
     inputs: CalibrationInput

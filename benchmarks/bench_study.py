@@ -46,7 +46,7 @@ def megabytes() -> float:
 
 
 def bare_rate(study: Study, count: int) -> float:
-    """Return calibrations a second of one process that runs them one after the other."""
+    """Return the calibrations per second of one process that runs them one after the other."""
     with one_blas_thread():
         run_task(study, 0)
         began = time.perf_counter()

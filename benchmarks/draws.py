@@ -1,8 +1,8 @@
 """Draws of arrays, sources and noise, rooms in closed form as truth, and the Cramer-Rao bound.
 
-The rooms are rigid: the scenes' 6 x 5 m in two dimensions, their box in three, their sound damped as the exponential
-window damps it. Pressures are those at the room's own frequencies, at least 1 Hz apart, exact to rounding; they use no
-function of the solvers.
+The rooms are rigid: 6 x 5 m in two dimensions, and the box of the scenes in three. Their sound decays as under the
+exponential window. Pressures are those at the room's own frequencies, at least 1 Hz apart, exact to rounding; they use
+no function of the solvers.
 
 Sources stand anywhere in the room, not nearer than 0.2 m (3-D: 0.3 m) to a wall and 1.2 m to the centre of the array.
 """
@@ -32,7 +32,7 @@ from .report import Figure
 
 AWAY = 1.2  # metres, least distance of the source to the centre of the array
 FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
-DECAY = {2: 3.0, 3: 1.5}  # s, 1/s: recordings of 4 s and 8 s, weighted
+DECAY = {2: 3.0, 3: 1.5}  # 1/s, decay of recordings of 4 s and 8 s under the exponential window
 FREE = 1000.0  # factor of the power of the field with which its coefficients are practically unknown
 LOST = 3.0  # error over the bound from which a draw is lost
 SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")  # or joint, of `exact`, `noise`, `rooms` and `mismatch`

@@ -139,8 +139,8 @@ DISTANCE = 2.0  # m, of the sources from the array in a start
 def blind_positions_of_arrivals(times, speed: float, dimension: int, rng) -> np.ndarray | None:
     """Return positions (N, D), metres, from arrival times (S, N) alone; None where these do not determine them.
 
-    Robust least squares of positions, sources and times of emission. From each of several draws of the directions of
-    the sources plane waves give the positions of a start; the most likely result counts. The sources of a plane
+    Positions, sources and times of emission are fitted by robust least squares. A start assumes plane waves from random
+    directions, which give its positions; of several results, the most likely one is returned. The sources of a plane
     array are sought in its plane, since their heights cannot be distinguished from its size.
 
     times : s, each row up to a constant; speed : m/s; dimension : D, 2 of an array that is known to be plane;
@@ -263,7 +263,7 @@ TAPE = 0.005  # m, standard deviation of each coordinate measured with a tape
 def tape_error(case) -> float:
     """Return the RMS error that positions (N, D) measured with a tape have on average, millimetres.
 
-    The best rigid motion takes D translations and D (D - 1) / 2 rotations out of N D errors.
+    The best rigid motion removes D translations and D (D - 1) / 2 rotations from the N D errors.
     """
     N, D = case.truth.shape
     return 1e3 * TAPE * float(np.sqrt(D - D * (D + 1) / (2 * N)))

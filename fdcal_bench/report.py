@@ -58,7 +58,7 @@ class StudyPanels:
     averaged: tuple[str, ...]  # axes over which every panel averages, since they would give too many panels
 
     def drawn(self, width: float, height: float) -> tuple[Figure, list[tuple[Any, dict[str, Any]]]]:
-        """Return a figure with a matplotlib axes of at least `width` x `height` inches for each panel, and these."""
+        """Return a figure, at least `width` x `height` inches for each panel, and its axes with their panels."""
         rows = -(-len(self.panels) // self.columns)
         wide = max(width * self.columns, MIN_WIDTH)
         figure = Figure(figsize=(wide, FRAME + rows * max(height, 0.45 * wide / self.columns)), dpi=100)
