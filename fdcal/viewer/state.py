@@ -46,7 +46,7 @@ class Choices(MapStyle):
     microphone: int = 0  # microphone whose map is shown, counted from 0
     follow: bool = True  # whether the map is that of the microphone that the solver moves next
     modes: tuple[int, ...] | None = None  # modes of the map, counted from 1; None for those that the solver uses
-    # number added to ceil(k R), the order of each mode of the map; at first that of the cost in the status lines
+    # number added to ceil(k R) for the order of each mode of the map; initially as for the cost in the status lines
     order_offset: int = ORDER_OFFSET
     objective: bool = True  # whether the map shows what the method minimises; otherwise it shows Eq. 7
     dark: bool = False  # whether the page has a dark background
@@ -302,7 +302,7 @@ class Binding:
         return self.dropdown(label, tuple(values), lambda of: names[getattr(of, key)], act, **options)
 
     def follow(self, handle: Any, **properties: Callable[[Choices], Any]) -> None:
-        """Make properties of a control functions of the choices from now on."""
+        """Let properties of a control follow the choices from now on."""
         for name, of in properties.items():
             setattr(handle, name, of(self.choices))
             self._followers.append((handle, name, of))
