@@ -234,6 +234,5 @@ def _measurement_name(scene: Scene) -> str:
     if scene.faults == Faults():
         del table["faults"]
     if scene.room.response is not None:  # the file may change, and its path does not matter
-        content = response_path(scene.room.response).read_bytes()
-        table["room"]["response"] = hashlib.sha256(content).hexdigest()
+        table["room"]["response"] = hashlib.sha256(response_path(scene.room.response).read_bytes()).hexdigest()
     return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -46,8 +46,7 @@ def leave_one_out_errors(
         C[:, diagonal, diagonal] += mu[m, None]
         inverse = hermitian_inverses(np.ascontiguousarray(C))[0]
         u = applied(inverse, errors[m][:, seen])
-        predicted = applied(np.ascontiguousarray(K[:, ~seen][:, :, seen]), u)
-        errors[m, ~seen] -= predicted
+        errors[m, ~seen] -= applied(np.ascontiguousarray(K[:, ~seen][:, :, seen]), u)
         errors[m, seen] = u / np.real(inverse[:, diagonal, diagonal])
     return errors
 

@@ -103,8 +103,7 @@ def leave_one_out_fits(
     for width in np.unique(widths):  # modes of equal order form one batch
         modes = np.flatnonzero(widths == width)
         W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
-        parts = fit(W, pressures[modes][:, others] * scale)
-        for m, Z, alpha, r0 in zip(modes.tolist(), *parts, strict=True):
+        for m, Z, alpha, r0 in zip(modes.tolist(), *fit(W, pressures[modes][:, others] * scale), strict=True):
             fits[m] = LeaveOneOutFit(Z, alpha, float(r0), complex(pressures[m, n]))
     return [fits[m] for m in range(len(dictionaries))]
 
@@ -267,9 +266,8 @@ class FieldExpansion:
 
     def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
         """Return g_l (B, C, L + 1) at C points, from their `squared` distances (C,) in units of the tables' radius."""
-        k = self._k[group] * self._radius
         if squared.max(initial=0.0) > 1.0:
-            return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
+            return np.moveaxis(self._functions(np.sqrt(squared), self._k[group] * self._radius, order), 0, 1)
         alike = np.flatnonzero(self.carried.orders == order)
         if order not in self._tables:  # compute the Chebyshev coefficients of g_l : (terms, B, L + 1)
             t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)

@@ -215,8 +215,7 @@ class ShortLikelihood:
         """
         weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
         weighted = self.pressures * weight[..., None].astype(self.pressures.real.dtype)
-        scatter = weighted.swapaxes(1, 2) @ np.conj(self.pressures)
-        return scatter / (_gain(field)[:, None] * np.conj(_gain(field)))
+        return weighted.swapaxes(1, 2) @ np.conj(self.pressures) / (_gain(field)[:, None] * np.conj(_gain(field)))
 
     def terms(self, field: ShortField, free: Bools | None = None) -> ShortTerms:
         """Return the cost including the priors and, if `free` is given, its derivatives.

@@ -92,8 +92,7 @@ def cost_floor(
         dark = (DARKEST + (1 - DARKEST) * np.clip(brightness, 0.0, 1.0))[..., None]
         white = (BRIGHTEST * np.clip(brightness - 1.0, 0.0, 1.0))[..., None]
         rgb = np.rint((1 - white) * dark * rgb + white * 255).astype(np.uint8)
-    bar = ColourBar(low, high, label)
-    return lattice_floor(rgb, search, bar, lowest, height, minima=others, heights=heights)
+    return lattice_floor(rgb, search, ColourBar(low, high, label), lowest, height, minima=others, heights=heights)
 
 
 def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, height: float, **more) -> Floor:

@@ -60,8 +60,7 @@ def minimal_frame(known: Integers, known_positions: Reals) -> GaugeFrame:
 
 def move_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:
     """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, which may include a mirror image."""
-    origin = positions[frame.microphones[0]]
-    return (positions - origin) @ turn_to_frame(positions, frame) + frame.positions[0]
+    return (positions - positions[frame.microphones[0]]) @ turn_to_frame(positions, frame) + frame.positions[0]
 
 
 def turn_to_frame(positions: Reals, frame: GaugeFrame) -> np.ndarray:

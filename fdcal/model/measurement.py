@@ -622,11 +622,9 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
     for name, column in zip(names, pressures.T, strict=True):
         if np.all(column == column[0]):
             raise InputError(f'microphone "{name}" has constant pressure', f"use <exclude> {name}", key="pressures")
-    scale = np.abs(pressures).max(axis=0)
-    unit = pressures / scale
+    unit = pressures / np.abs(pressures).max(axis=0)
     unit = unit / np.linalg.norm(unit, axis=0)
-    correlation = np.abs(unit.conj().T @ unit)
-    for a, b in np.argwhere(np.triu(correlation > 1 - PARALLEL, 1)):
+    for a, b in np.argwhere(np.triu(np.abs(unit.conj().T @ unit) > 1 - PARALLEL, 1)):
         difference = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
         if np.linalg.norm(difference) < DUPLICATE:
             problem = f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency'

@@ -74,8 +74,7 @@ def estimate_decay(recording: Recording, band: Band) -> Decay:
     decay = _decay_by_level(recording, band)
     while decay.tail is not None and decay.tail < DECAY.zoom * recording.duration:
         recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
-        enough = recording.samples > 4 * DECAY.segments
-        nearer = _decay_by_level(recording, band) if enough else decay
+        nearer = _decay_by_level(recording, band) if recording.samples > 4 * DECAY.segments else decay
         if nearer.tail is None or nearer.tail >= decay.tail:
             break
         decay = nearer

@@ -93,8 +93,7 @@ class ChannelDelays:
         k = int(np.argmin(steps)) + 1
         if off_line <= steps[k - 1]:
             return ClockFault("drift", 1e6 * float(slope))
-        jump = float(np.median(d[k:]) - np.median(d[:k]))
-        return ClockFault("jump", jump, float(t[k - 1] + t[k]) / 2)
+        return ClockFault("jump", float(np.median(d[k:]) - np.median(d[:k])), float(t[k - 1] + t[k]) / 2)
 
 
 def channel_delays(recording: Recording) -> ChannelDelays | None:

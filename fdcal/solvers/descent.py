@@ -94,10 +94,9 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
         rng = np.random.default_rng([seed, 0])
         positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
     positions[problem.known] = problem.known_positions
-    centre = lattice.nearest(positions.mean(axis=0))
     state = State(
         positions=frozen_array(positions, float),
-        centre=frozen_array(centre, float),
+        centre=frozen_array(lattice.nearest(positions.mean(axis=0)), float),
         settings=settings,
         seed=seed,
         first=settings.modes if settings.mode_order == "descending" else 1,

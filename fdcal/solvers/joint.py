@@ -45,7 +45,6 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     require_solvable(problem, settings)
     if positions is None and settings.start == "random":
         positions = starts.random(problem, np.random.default_rng([seed, 0]))
-    matched = replace(settings, gains="fixed", known_sigma=0.0)
-    found = begin(State, problem, matched, seed, positions)
+    found = begin(State, problem, replace(settings, gains="fixed", known_sigma=0.0), seed, positions)
     assert isinstance(found, State)
     return found

@@ -93,8 +93,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     The reasons are two known microphones at the same position, too few microphones, takes or modes, and microphones on
     one line (in space, on one plane).
     """
-    places = problem.known_positions
-    for (a, place), (b, other) in combinations(zip(problem.known, places, strict=True), 2):
+    for (a, place), (b, other) in combinations(zip(problem.known, problem.known_positions, strict=True), 2):
         if np.array_equal(place, other):
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")

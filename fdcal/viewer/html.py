@@ -101,14 +101,13 @@ def status(
     kept = state.best_positions is not state.positions  # while the run tries another start
     used = tuple(range(state.first, state.last + 1))
     verdict = [] if found is None else [found.verdict]
-    cost = words.cost_words(view.cost, state.channels is not None)
     rows = {
         "Progress": f"step {state.step}, " + ("the best start so far is kept" if kept else f"sweep {state.sweep}"),
         "In use": f"{words.count_label(measurement, used)}, {words.band_label(measurement, used)}",
         error: f"<b>{mean}</b>"
         + (f"{comma}<span style='white-space: nowrap'>{largest}</span>" if largest else "")
         + (f"<br>{DIM}{compared}</span>" if compared else ""),
-        "Cost": cost.replace(" (", f" {DIM}(") + "</span>",
+        "Cost": words.cost_words(view.cost, state.channels is not None).replace(" (", f" {DIM}(") + "</span>",
         "Array": words.plane_words(measurement),
     }
     cells = "".join(f"<tr><td>{name}</td><td>{text}</td></tr>" for name, text in rows.items() if name and text)

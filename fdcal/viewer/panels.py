@@ -309,8 +309,7 @@ class SolverTab(Tab):
         """Hide the controls that have no effect on the chosen solver."""
         traits = solvers.load(self.name.value).TRAITS
         self.start.visible = bool(traits.starts)
-        random = "random" in traits.starts and self.start.value == "random"
-        self.seed.visible = traits.draws_order or random
+        self.seed.visible = traits.draws_order or ("random" in traits.starts and self.start.value == "random")
 
     def restart(self) -> None:
         """Restart with the settings: the same solver at once, another one as soon as it is ready."""

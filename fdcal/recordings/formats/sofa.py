@@ -89,8 +89,7 @@ def receiver_positions(file, measurements: int, receivers: int) -> np.ndarray:
     local = each_of(np.moveaxis(local, 2, 0), "ReceiverPosition", measurements)  # (M, R, 3)
     if "ListenerView" in file.variables and "ListenerUp" in file.variables:
         view = cartesian(file, "ListenerView", measurements)
-        up = cartesian(file, "ListenerUp", measurements)
-        side = np.cross(up, view)
+        side = np.cross(cartesian(file, "ListenerUp", measurements), view)
         axes = np.stack([view, side, np.cross(view, side)], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
         if np.any(length < 1e-9):

@@ -257,8 +257,7 @@ def _weighed(
     found: FreeArray, known: Integers, places: Reals, right: Bools, order: Integers, stated: float | None
 ) -> Hypothesis:
     """Return one hypothesis, with the likelier of the two mirror images of the array."""
-    images = _images(found, known, places, right, order, stated)
-    evidence, sigma, positions = max(images, key=lambda one: one[0])
+    evidence, sigma, positions = max(_images(found, known, places, right, order, stated), key=lambda one: one[0])
     A, wrong = len(places), np.sum(~right)
     evidence += wrong * np.log(WRONG) + (A - wrong) * np.log1p(-WRONG)
     if np.any(order != np.arange(A)):

@@ -179,8 +179,7 @@ class Objective:
                 gradient[index] += slope
                 matrix[np.ix_(index, index)] += curvature
         if self.arrivals is not None:
-            delays = unknowns.delays
-            of_arrivals = self.arrivals.terms(unknowns.positions, unknowns.log_speed, derivatives, delays)
+            of_arrivals = self.arrivals.terms(unknowns.positions, unknowns.log_speed, derivatives, unknowns.delays)
             cost, source = cost + of_arrivals.cost, of_arrivals.source
             if derivatives:
                 index = arrival_index(unknowns)

@@ -50,8 +50,7 @@ def result(problem: Problem, state: State) -> Estimate:
     framed = bool(len(problem.known)) and model.known_sigma <= given.INACCURATE * usual
     tried = tuple(TriedOptimum(one.positions, one.score, framed and given.same_given(state, one)) for one in ended)
     if model.window_positions is not None:  # the short windows determine the array
-        both = (state.positions, model.window_rival)
-        tried = tuple(TriedOptimum(x, 0.0, False) for x in both if x is not None)
+        tried = tuple(TriedOptimum(x, 0.0, False) for x in (state.positions, model.window_rival) if x is not None)
     return Estimate(
         problem=problem,
         modes=state.modes,

@@ -157,8 +157,7 @@ def _gauge(problem: Problem, positions: Reals, counted: Bools) -> np.ndarray:
 def _frame_rows(frame: GaugeFrame, positions: Reals) -> np.ndarray:
     """Return the linear functions of the positions that the frame fixes, as rows (F, N D)."""
     N, D = positions.shape
-    first = positions[frame.microphones[0]]
-    axes = np.linalg.qr((positions[frame.microphones[1:]] - first).T)[0]
+    axes = np.linalg.qr((positions[frame.microphones[1:]] - positions[frame.microphones[0]]).T)[0]
     fixed = [(frame.microphones[0], along) for along in np.eye(D)]
     fixed += [(n, axes[:, a]) for i, n in enumerate(frame.microphones[1:D]) for a in range(i + 1, D)]
     rows = np.zeros((len(fixed), N, D))

@@ -71,8 +71,7 @@ class SceneTab(Tab):
         hint = "Seed of random microphone positions, of the noise and of random starts"
         self.seed = gui.add_number("Scene seed", seed, min=0, max=MAX_SEED, step=1, hint=hint)
         hint = "Simulate this scene and restart"
-        apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint=hint)
-        self.apply = binding.on(apply, lambda _: self.press())
+        self.apply = binding.on(gui.add_button("Apply", icon=viser.Icon.CHECK, hint=hint), lambda _: self.press())
         self.message = gui.add_html(html.remark(MEASURED_AND_MODELLED) if modelled else "")
         self.refresh()
         self.known.value = parameters.known
