@@ -30,7 +30,7 @@ from ..model.libraries import isolated_call
 from ..model.problem import mode_power
 from ..model.settings import Sensing
 from ..model.storage import matlab_arrays
-from ..model.validation import InputError, convert, refusal, require_array, within
+from ..model.validation import Complexes, InputError, convert, refusal, require_array, within
 from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
@@ -89,9 +89,7 @@ MAX_FREQUENCY = 1 / 6  # highest frequency that is used, relative to the samplin
 POINTS = 6  # points of the spectrum per 1 / duration
 
 
-def plane_wave_pressures(
-    response: SdmResponse, positions, frequencies, sound_speed: float, progress=None
-) -> np.ndarray:
+def plane_wave_pressures(response: SdmResponse, positions, frequencies, sound_speed: float, progress=None) -> Complexes:
     """Return the pressures of plane waves at the frequencies (M,), Hz : (M, N) complex128, unit of the response.
 
     `positions` (N, 3), metres, are relative to the origin of the response; `sound_speed` is in m/s.

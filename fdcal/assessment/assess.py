@@ -203,9 +203,8 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
         rows = zip(problem.known[kept], given.stiffness[kept], strict=True)
         others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - stiffness * np.eye(D)) for n, stiffness in rows]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))
-    if given.carry_scale:  # without given positions only the assumption of an isotropic field determines the size
-        return 1.0, loosest
-    return given.probability(kept), loosest
+    # Without given positions only the assumption of an isotropic field determines the size.
+    return 1.0 if given.carry_scale else given.probability(kept), loosest
 
 
 def _unused_agreement(estimate: Estimate, unused: Mapping[int, np.ndarray], scale: float) -> float:

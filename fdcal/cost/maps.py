@@ -195,13 +195,9 @@ class MovedMicrophone:
 
 
 def _on_the_page(
-    problem: Problem,
-    positions: Reals,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int,
+    problem: Problem, positions: Reals, n: int, modes: Sequence[int], order_offset: int,
     channels: ChannelCorrection | None,
-) -> MovedMicrophone:
+) -> MovedMicrophone:  # fmt: skip
     """Return the terms of the reference cost of `fdcal.cost.eq7`, with the order of each mode fixed by `order_offset`.
 
     The terms of a mode depend neither on the solver nor on the other modes that are chosen. Raises InputError if the

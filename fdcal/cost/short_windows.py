@@ -501,9 +501,7 @@ def with_wave(likelihood: ShortLikelihood, field: ShortField) -> ShortField:
     )
 
 
-def other_places(
-    likelihood: ShortLikelihood, field: ShortField, axes: Integers, apart: float
-) -> tuple[np.ndarray, np.ndarray]:
+def other_places(likelihood: ShortLikelihood, field: ShortField, axes: Integers, apart: float) -> tuple[Reals, Reals]:
     """Return the most likely other place of each microphone (N, 3), metres, and by how much the cost is higher there.
 
     The places are minima of the cost on a lattice, more than `apart`, metres, away from the present place; all other

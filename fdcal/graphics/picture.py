@@ -344,9 +344,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
     points = on_layer(draped, picture.z_range[0], picture.marker_radius, Layer.TRAIL).reshape(*paths.shape[:2], 3)
     pieces = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
     pieces = pieces[np.abs(pieces[:, 1] - pieces[:, 0]).max(axis=1) > 1e-9]
-    if not len(pieces):
-        return picture
-    return picture.plus(lines("trails", pieces, marks.TRAIL, 2.0))
+    return picture.plus(lines("trails", pieces, marks.TRAIL, 2.0)) if len(pieces) else picture
 
 
 def ellipse_scale(axes, extent: float) -> float:

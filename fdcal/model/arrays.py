@@ -12,7 +12,7 @@ import numpy as np
 
 from .gauge import MIN_KNOWN, fixes_gauge
 from .scene import Array, Scene
-from .validation import InputError, frozen_array, point_text, refusal
+from .validation import InputError, Reals, frozen_array, point_text, refusal
 
 
 def positions_of(scene: Scene) -> np.ndarray:
@@ -205,12 +205,8 @@ DRAWS = 500  # number of random positions after which the room counts as too sma
 
 
 def random_source(
-    size: Any,
-    microphones: np.ndarray,
-    clearance: float,
-    rng: np.random.Generator,
-    allowed: Callable[[np.ndarray], bool],
-) -> np.ndarray | None:
+    size: Any, microphones: Reals, clearance: float, rng: np.random.Generator, allowed: Callable[[Reals], bool]
+) -> Reals | None:
     """Return a random position of a source in a room of lengths `size`, rounded to a millimetre; None if none is found.
 
     It is at least `clearance` away from all microphones (N, 2 or 3), horizontally if these have no heights, and

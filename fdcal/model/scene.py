@@ -452,14 +452,7 @@ class MeasuredScene(Scene):
 
 
 def placeholder_scene(
-    measurement: Measurement,
-    name: str,
-    solver: SolverSettings,
-    seed: int = 0,
-    *,
-    title: str = "",
-    file: str = "",
-    remark: str = "",
+    measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0, *, title="", file="", remark=""
 ) -> MeasuredScene:
     """Return a scene for a measurement that has none; unless given, `title` is the name followed by "as measured"."""
     D, d, placed = measurement.dimension, measurement.array_dimension, measurement.positions

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from ..acoustics.spectrum import fast_length, rfft
-from ..model.validation import InputError
+from ..model.validation import Complexes, InputError, Integers, Reals
 from .frequencies import MIN_SNR, ROWS, NothingAboveNoise, Pressures, Spacing, choose_frequencies, spread_over_band
 from .recording import Band, Recording, in_memory, read_samples
 
@@ -228,9 +228,7 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
         yield np.array([rfft(row)[first : last + 1] for row in values], complex)
 
 
-def eigenvectors(
-    C: np.ndarray, independent: float, leakage: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def eigenvectors(C: Complexes, independent: float, leakage: float) -> tuple[Integers, Complexes, Reals, Reals]:
     """Return the rows above noise and leakage, at least one for each frequency, in descending order of power.
 
     `C` (M, N, N) are means over K `independent` segments; `leakage` is the ratio of the second to the first eigenvalue

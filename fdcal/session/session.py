@@ -135,15 +135,7 @@ class SolverRun:
     """
 
     def __init__(
-        self,
-        problem,
-        settings,
-        seed: int,
-        module,
-        states,
-        index: int | None,
-        on_change: Callable[[], None],
-        costs: StateCosts,
+        self, problem, settings, seed: int, module, states, index: int | None, on_change: Callable, costs: StateCosts
     ):
         self._problem, self._settings, self._seed = problem, settings, int(seed)
         self._module = solvers.load(settings.name) if module is None else module

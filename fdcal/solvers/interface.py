@@ -261,9 +261,7 @@ class Solver(Protocol):
         """Return how many of the lowest modes of `problem` can be in use."""
         ...
 
-    def landscape(
-        self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /
-    ) -> np.ndarray:
+    def landscape(self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None = None, /) -> Reals:
         """Return the cost with microphone `n` moved over the lattice `search` : (modes, ny, nx) float64.
 
         The lattice is by default that of the problem.

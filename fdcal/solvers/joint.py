@@ -20,9 +20,7 @@ from .robust.schedule import begin
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
 TRAITS: Traits = replace(
-    robust.TRAITS,
-    starts=("affine", "random"),
-    settings=frozenset({"modes", "noise", "known", "start", "sound_speed_sigma"}),
+    robust.TRAITS, starts=("affine", "random"), settings=frozenset("modes noise known start sound_speed_sigma".split())
 )
 
 

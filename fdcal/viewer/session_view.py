@@ -20,7 +20,7 @@ from ..graphics.primitives import Picture
 from ..graphics.snapshot import legend_of
 from ..graphics.volume import brightened
 from ..model.settings import search_around
-from ..model.validation import length_text
+from ..model.validation import Reals, length_text
 from ..session.calibration_run import Assessment, assess_state, healthy_microphones
 from ..session.process import one_blas_thread
 from ..session.session import SessionView
@@ -36,9 +36,7 @@ from .scene3d import SceneNodes
 from .state import Binding, Choices, PageState
 
 
-def ellipses_of(
-    found: Assessment | None, frame: DisplayFrame | None = None, positions: Any = None
-) -> np.ndarray | None:
+def ellipses_of(found: Assessment | None, frame: DisplayFrame | None = None, positions: Any = None) -> Reals | None:
     """Return the half axes of the 95 % ellipses at the end of a run; None before it, or if they are unknown.
 
     `found` is the assessment of the state on the screen, or None; `frame` is the frame in which the page draws the
