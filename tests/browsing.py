@@ -15,14 +15,14 @@ from fdcal.session.sources import OpenRequest
 from fdcal.viewer import app
 from fdcal.viewer import scene3d as cameras
 
-WAIT = 60.0  # s, bound of every wait
-COARSE = "?fixedDpr=0.25#layout=expert"  # of any other page: a sixteenth of the pixels is enough
+WAIT = 60.0  # s, the bound of every wait
+COARSE = "?fixedDpr=0.25#layout=expert"  # a sixteenth of the pixels is enough
 
 ARGUMENTS = [
     "--no-sandbox",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--disable-gpu-compositing",  # of the page around the scene: software does both, and without GL in half the time
+    "--disable-gpu-compositing",  # software composes the page either way, and without GL it takes half the time
     "--webgl-antialiasing-mode=none",  # no test looks at the pixels of an edge
     "--disable-quic",
     "--no-first-run",
@@ -30,7 +30,7 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
-# A page draws each frame by software, and would evaluate a condition as often.
+# Software draws the frames of a page; a condition that is evaluated in every frame would be as slow.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
     window.requestAnimationFrame = act => setTimeout(() => draw(act), 120);
@@ -70,7 +70,7 @@ def is_fault(message):
 
 def opened_page(context, address, query=COARSE):
     """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
-    page = context.new_page()  # the second page of a context loads the program of viser in half the time
+    page = context.new_page()  # the second page of a context loads viser in half the time
     unhurried(page)
     page.faults = []
     page.on("console", lambda message: page.faults.append(message.text) if is_fault(message) else None)
@@ -108,7 +108,7 @@ def press(page, name):
         expect(button).to_have_count(1, timeout=WAIT * 1e3)
         try:
             return button.click()
-        except Error as error:  # a session took another's place between the two lines
+        except Error as error:  # the session has changed between the two lines
             if "strict mode violation" not in str(error):
                 raise
 
@@ -158,7 +158,8 @@ def hover(page, pixel):
     """Move the pointer over a microphone, until the page changes the shape of the pointer."""
     over = "[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')"
     fixed = pixel
-    where = pixel if callable(pixel) else lambda: fixed  # a function where the camera may still be on its way
+    # The camera may still move: a function returns the current pixel.
+    where = pixel if callable(pixel) else lambda: fixed
     for _ in range(int(WAIT)):
         pixel = where()
         page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # viser ignores a pointer that has not moved

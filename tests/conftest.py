@@ -16,7 +16,8 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several test processes share the cores; before NumPy is imported
+# Set before NumPy is imported, because several test processes use the same cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 import pytest
@@ -33,9 +34,7 @@ from fdcal.recordings import frequencies, importer
 from fdcal.session import calibration_run
 from fdcal.solvers import starts, warmup_calls
 
-gc.set_threshold(
-    10_000
-)  # after every 700 new objects, the garbage collector would take a tenth of the time of all tests
+gc.set_threshold(10_000)  # collecting after every 700 new objects would take a tenth of the time of all tests
 
 # Signals are ignored in the background of a shell and under nohup; all processes would inherit this.
 for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
@@ -43,7 +42,7 @@ for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIG
         signal.signal(number, handler)
 
 ROOT = Path(__file__).parent.parent
-BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # a test or a fixture that takes the browser
+BROWSER = re.compile(r"def \w+\([^)]*\bbrowser\b")  # matches a test or a fixture that takes the browser
 PAINTER = re.compile(r"def \w+\([^)]*\b(painted|one_painter)\b")
 
 
@@ -130,11 +129,12 @@ def remembered_runs(cache):
     def last_state(inputs, progress, problem, clock):
         if inputs.time_limit is not None or clock is not time.process_time:
             return run(inputs, progress, problem, clock)
-        calibration_run.states_of(inputs, progress, problem)  # checks the measurement, and begins when it is iterated
+        # Checks the measurement; the run begins when the iterator is read.
+        calibration_run.states_of(inputs, progress, problem)
         key = hashlib.sha256(pickle.dumps((problem, inputs.settings, inputs.seed, starts.RANDOM_STARTS))).hexdigest()
         if not (folder / key).exists():
             found = run(inputs, progress, problem, clock)
-            if found[1]:  # stopped early
+            if found[1]:  # the run was stopped early
                 return found
             own = folder / f"{key}-{os.getpid()}"
             own.write_bytes(pickle.dumps(found[0]))
@@ -256,7 +256,7 @@ def pytest_xdist_make_scheduler(config, log):
     return FewBrowsers(config, log)
 
 
-@pytest.hookimpl(tryfirst=True)  # before -m chooses
+@pytest.hookimpl(tryfirst=True)  # runs before -m selects
 def pytest_collection_modifyitems(items) -> None:
     """Mark slow tests, and begin with browser tests and the longest files, so that all workers end together.
 
@@ -272,7 +272,7 @@ def pytest_collection_modifyitems(items) -> None:
             item.add_marker("slow")
     for path, name in dict.fromkeys((item.path, item.originalname) for item in items):
         files[path] += slow.get(name, 0.0)
-    last = "~"  # behind the path of any file
+    last = "~"  # sorts after the path of any file
     items.sort(key=lambda item: (str(item.path) if has_browser(item.path) else last, -files[item.path]))
 
 
@@ -306,11 +306,11 @@ def browser(require_browser):
 PAINT = """
 import os, pickle, sys
 out = os.fdopen(os.dup(1), "wb")
-os.dup2(2, 1)  # what a library prints is no image
+os.dup2(2, 1)  # a library may print to standard output, which carries the image
 os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
 import pyvista
 pyvista.Plotter(off_screen=True, window_size=(32, 32)).screenshot(return_img=True)
-pickle.dump(True, out)  # it can draw; what fails from here on is no missing library
+pickle.dump(True, out)  # drawing works: a later failure is not due to a missing library
 out.flush()
 from fdcal.graphics.snapshot import drawn_png
 while True:

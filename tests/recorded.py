@@ -63,7 +63,8 @@ def stationary_source(
     seconds: float, snr_db: float, count: int = 24, seed: int = 2, source: tuple[float, ...] = SOURCE
 ) -> tuple[np.ndarray, np.ndarray]:
     """Recordings (N, T) of a stationary source, and its unknown signal (T,), which is noise."""
-    from scipy.signal import fftconvolve  # takes seconds, and a process that calls `too_large` does not need it
+    # The import takes seconds, and a process that calls `too_large` does not need it.
+    from scipy.signal import fftconvolve
 
     signal = np.random.default_rng(seed).standard_normal(int(seconds * FS) + 2400)
     recorded = np.array([fftconvolve(signal, h, mode="valid") for h in responses(count, source)])

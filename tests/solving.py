@@ -37,7 +37,7 @@ class Solved:
         return [(n, one.kind) for n, one in judged(self.estimate, names).faulty.items()]
 
 
-ENDS: dict[bytes, Solved] = {}  # of this process: many tests start from the same run
+ENDS: dict[bytes, Solved] = {}  # the results of this process: many tests start from the same run
 
 
 def solved(measurement, solver: str = "robust", **settings) -> Solved:

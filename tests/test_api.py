@@ -48,7 +48,7 @@ def test_known_microphones_by_name_by_number_and_by_position_are_the_same(tiny, 
 @pytest.mark.parametrize(("solver", "corrected"), [("joint", 0.0), ("robust", 1e-3)])
 def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
     """Solver joint keeps it exactly; solver robust corrects it, here by less than a millimetre."""
-    moved = {n: tiny.positions[n] + 0.5 for n in (1, 3, 10)}  # the whole array elsewhere
+    moved = {n: tiny.positions[n] + 0.5 for n in (1, 3, 10)}  # the given positions move the whole array
     again = fdcal.calibrate(tiny, known=moved, solver=solver, modes=12)
     for n, place in moved.items():
         np.testing.assert_allclose(again.positions[n], place, rtol=0, atol=corrected)

@@ -17,10 +17,10 @@ from fdcal import solvers
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fdcal"
 
-# From the ground up; a package imports only from packages earlier in this list.
+# The order is from the ground up; a package imports only from packages earlier in this list.
 PACKAGES = "model acoustics cost solvers assessment recordings session graphics viewer commands".split()
 
-# Where a library may be imported, and nowhere else: a package, or a module of one.
+# A library may be imported only in these packages or modules.
 HOMES = {
     **{name: {"commands"} for name in ("click", "tqdm")},
     **{name: {"graphics.snapshot"} for name in ("pyvista", "vtk")},
@@ -179,15 +179,15 @@ def test_the_drawing_of_the_packages_is_that_of_the_source():
 
 
 HEAVY = {"pyvista", "trimesh", "numba", "matplotlib", "scipy"}
-LATE = {"pyvista", "trimesh", "scipy.optimize", "scipy.spatial"}  # that a first picture does not need
+LATE = {"pyvista", "trimesh", "scipy.optimize", "scipy.spatial"}  # the first picture does not need these libraries
 
 
-LIGHT = {  # modules in the order in which one process imports them, and what none may have loaded so far
+LIGHT = {  # one process imports the modules in this order; none may have loaded these libraries so far
     "fdcal": {"fdcal.model", "numpy", "viser"} | HEAVY,
     "fdcal.model.scene": {"viser"} | HEAVY,
     "fdcal.session.session": {"viser"} | HEAVY,
     "fdcal.commands.cli": {"viser"} | HEAVY,
-    "fdcal.viewer": HEAVY,  # the address of the page is printed before they are loaded
+    "fdcal.viewer": HEAVY,  # the address of the page is printed before these are loaded
     "fdcal.viewer.scene3d": {"trimesh", "numba", "scipy"},
     "fdcal.viewer.page": LATE,
 }

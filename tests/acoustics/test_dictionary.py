@@ -126,7 +126,7 @@ def test_bessel_functions_of_all_orders_are_scipy_s(spherical, damping, top):
     np.testing.assert_allclose(found, (spherical_jn if spherical else jv)(orders, z), rtol=1e-10, atol=1e-14)
 
 
-# The field of a measured room: plane waves, exactly; files that are no response are refused.
+# The field of a measured room equals the plane waves; files that are no response are refused.
 
 
 C, FS = 343.0, 8000.0
@@ -200,7 +200,7 @@ def test_a_scene_in_a_measured_room_has_the_pressures_of_its_response():
     assert np.allclose(measurement.pressures[::10], expected)
 
 
-# Damaged files of a response, read in a separate process.
+# A separate process reads damaged files of a response.
 
 
 @pytest.fixture
@@ -214,7 +214,7 @@ def response_file(tmp_path):
 def test_an_element_of_an_unknown_type_is_refused(response_file, apart):
     """SciPy's compiled reader uses the type as an index, and some values crash its process."""
     data = bytearray(response_file.read_bytes())
-    tag = data.index(b"azi_rad") + 8  # of the values
+    tag = data.index(b"azi_rad") + 8  # the values have this tag
     assert data[tag] == 9, "double"
     data[tag] = 255
     response_file.write_bytes(data)

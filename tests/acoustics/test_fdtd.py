@@ -25,7 +25,8 @@ def mode(grid, m, n, wave):
 
 
 @pytest.mark.parametrize(("walls", "wave"), [("rigid", np.cos), ("pressure-release", np.sin)])
-@pytest.mark.parametrize("size", [(2.0, 1.5), (1.45, 7.0)])  # the second is high enough to be shared by two threads
+# The second room is high enough to be computed by two threads.
+@pytest.mark.parametrize("size", [(2.0, 1.5), (1.45, 7.0)])
 def test_mode_follows_the_discrete_dispersion_relation(walls, wave, size):
     grid = make_grid(Room(size=size, walls=walls, cell=H), FS)
     field, angle = mode(grid, 3, 2, wave)
@@ -77,12 +78,13 @@ def test_absorbing_end_of_a_tube_reflects_as_it_should(beta):
     length = 2000
     grid = make_grid(Room(size=(length * 0.01, 0.01), cell=0.01), 1.5 * C / 0.01)
     loss = np.zeros_like(grid.loss)
-    loss[0, -1] = 0.5 * grid.courant * beta  # the far end alone absorbs
+    loss[0, -1] = 0.5 * grid.courant * beta  # only the far end absorbs
     grid, x = dataclasses.replace(grid, loss=loss), np.arange(length) + 0.5
     wave = lambda steps: np.exp(-(((x - 1000 - steps * grid.courant) / 100) ** 2))[None]  # noqa: E731
     _, p = advance(grid, wave(-1), wave(0), round(1500 / grid.courant))
     reflected = p[0, np.abs(p[0]).argmax()]
-    assert reflected == pytest.approx((1 - beta) / (1 + beta), abs=4e-3)  # p is taken half a cell before the wall
+    # The pressure is taken half a cell in front of the wall.
+    assert reflected == pytest.approx((1 - beta) / (1 + beta), abs=4e-3)
 
 
 def test_one_thread_or_several_give_the_same(monkeypatch):

@@ -56,7 +56,7 @@ def test_every_wall_has_its_condition(room):
             at = np.tile(inside, (4, 1))
             at[:, axis] = wall + inward * h * np.arange(4)
             p = point_source_pressures(room, SOURCE, at, K)
-            outwards = -(p @ [-11 / 6, 3, -3 / 2, 1 / 3]) / h  # one-sided, of third order
+            outwards = -(p @ [-11 / 6, 3, -3 / 2, 1 / 3]) / h  # one-sided difference of third order
             if room.walls == "pressure-release":
                 np.testing.assert_allclose(p[:, 0], 0, atol=1e-12)
             else:

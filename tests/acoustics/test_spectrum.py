@@ -50,7 +50,7 @@ def test_peaks_are_the_eigenfrequencies(scene, recordings):
     assert np.all(np.diff(picked) > 0)
     assert len(np.unique(nearest.argmin(axis=1))) == len(picked)
     apart = np.diff(modes, prepend=sensing.lowest, append=sensing.highest)
-    alone = np.minimum(apart[1:], apart[:-1]) > 2 * sensing.resolution  # others pull at one another's peak
+    alone = np.minimum(apart[1:], apart[:-1]) > 2 * sensing.resolution  # closer resonances shift each other's peak
     assert nearest.min(axis=0)[alone].max() < 0.1
     assert nearest.min(axis=1).max() < sensing.resolution
 
@@ -101,7 +101,7 @@ def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
     w = 2 * fs * np.arcsin(courant * np.sqrt(sines.mean(axis=1)))
     np.testing.assert_allclose(w, 2 * np.pi * f - 1j * s, rtol=1e-12)
     spread = np.abs(2 * fs * np.arcsin(courant * np.sqrt(sines)) / w[:, None] - 1).max(axis=1)
-    assert spread[1] < 3e-4  # direction matters little below 400 Hz
+    assert spread[1] < 3e-4  # below 400 Hz the direction has little influence
     errors = [
         np.abs(spectrum.wavenumber_discrete(f, s, c, h, 500 / h) - spectrum.wavenumber_continuous(f, s, c))[1]
         for h in (0.02, 0.01)
@@ -146,7 +146,7 @@ def test_noise_has_the_power_asked_for(scene, recordings):
     np.testing.assert_array_equal(measure(noisy, recordings).pressures, measured.pressures)
 
 
-# The extent of an array from the coherence of its pressures.
+# The coherence of the pressures gives the extent of an array.
 
 
 @pytest.mark.parametrize("radius", [0.07, 0.4, 1.5])
@@ -168,7 +168,7 @@ def test_no_radius_is_claimed_where_nothing_tells():
     assert array_radius(waves(positions, k, 300), k, 2) is None, "three frequencies are too few"
 
 
-# Faults that a scene states are in its measurement, and only there.
+# The measurement of a scene contains the faults that the scene states, and no others.
 
 
 def test_faults_spoil_their_channels_alone():

@@ -57,7 +57,7 @@ def blind(healthy) -> Estimate:
     return replace(found, tried=(TriedOptimum(found.positions, 0.0, False),))
 
 
-# --- every row of FINDINGS: what makes it apply ----------------------------------------------------------------------
+# --- each row of FINDINGS applies under its condition ----------------------------------------------------------------
 
 
 def with_share(e: Estimate, share: float) -> Estimate:
@@ -71,7 +71,7 @@ def with_channel_noise(e: Estimate, count: int, factor: float) -> Estimate:
 
 
 def as_single_wave(e: Estimate) -> Estimate:
-    k = 3 * np.real(e.problem.wavenumbers)[:, None]  # whose phases spread over the array
+    k = 3 * np.real(e.problem.wavenumbers)[:, None]  # at this k the phases spread over the array
     return replace(e, problem=replace(e.problem, pressures=np.exp(-1j * k * (e.positions @ [0.6, 0.8]))))
 
 
@@ -153,8 +153,8 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("ambiguous", "an error of a given position would not be noticed", with_loose_given),
     ("good", "no check contradicts the positions found", lambda e: e),
 ]
-BLIND = 12  # the row that only an array without given positions reaches
-# Pairs of rows whose alterations exclude each other.
+BLIND = 12  # only an array without given positions reaches this row
+# The changes that lead to these two rows exclude each other.
 EXCLUDED = {
     (2, 4), (2, 15), (4, 15), (7, 12), (7, 16), (7, 17), (8, 12), (9, 10), (12, 17), (14, 16), (16, 17),
 }  # fmt: skip
@@ -227,7 +227,7 @@ def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
     assert first_row(altered(estimate, limit, 0.98)) == len(FINDINGS) - 1
 
 
-# --- what the rows rest on -------------------------------------------------------------------------------------------
+# --- the quantities that the rows read -------------------------------------------------------------------------------
 
 
 def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
@@ -504,7 +504,7 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
         assert len(asked) == 4 and not np.isin(asked, known).any() and sigma[asked].min() >= sigma[others].max()
 
 
-# --- the end, not the way to it --------------------------------------------------------------------------------------
+# --- the verdict depends on the result, not on the course of the run ------------------------------------------------
 
 
 @pytest.mark.parametrize("known", ["all", "none"])

@@ -57,7 +57,7 @@ def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
 def test_a_delay_counts_by_what_the_field_leaves_uncertain(estimate):
     """Blocks of frequencies that disagree ten times more than a diffuse field would make filters less certain, too."""
     c = estimate.problem.sound_speed
-    sigma = np.full((COUNT, 2), 1e-5 * c)  # metres, of the delays
+    sigma = np.full((COUNT, 2), 1e-5 * c)  # m, of the delays
     filters = np.zeros((COUNT, 2))
     filters[FAULTY, 0] = 6 * sigma[FAULTY, 0]
     channels = replace(estimate.channels, filters=filters, filter_sigma=sigma)
@@ -74,7 +74,7 @@ def test_channels_that_all_differ_are_not_at_fault(healthy):
     found, faulty = found_in(replace(healthy, pressures=healthy.pressures * 10 ** (gains_db / 20)))
     assert faulty == {} and found.verdict == "good"
     off = found.channels.gain_db - gains_db
-    off -= np.median(off)  # a gain common to all channels belongs to the source
+    off -= np.median(off)  # the source contains a gain that all channels have in common
     assert np.max(np.abs(off)) < 0.5 and np.mean(np.abs(off) < 2.5 * found.channels.gain_sigma_db) > 0.85
     assert np.max(errors(found, healthy)) < 0.02
 
@@ -87,11 +87,11 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     assert [(n, one.kind) for n, one in faulty.items()] == [(FAULTY, "dead")] and found.verdict == "good"
     others = ~np.isin(np.arange(COUNT), list(faulty))
     shift = np.linalg.norm(found.positions - solved(healthy).assessment.positions, axis=1)[others]
-    # without this channel the others change, within their uncertainty
+    # without this channel the other positions change by less than their uncertainty
     assert np.all(shift < 2 * found.uncertainty[others])
 
 
-# Faults of channels: what multiplies their pressures, and the kind, unit and value that are found.
+# Each fault multiplies the pressures of a channel, and is found with its kind, unit and value.
 GAINS = {
     2: (lambda f: -1.0, "inverted", "", None),
     7: (lambda f: 10 ** (6 / 20), "gain", "dB", 6.0),
@@ -114,14 +114,14 @@ def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mi
     for n, (_, kind, unit, value) in faults.items():
         assert (faulty[n].kind, faulty[n].unit) == (kind, unit)
         assert faulty[n].value == (value if value is None else pytest.approx(value, rel=0.1))
-    # the faulty ones, too: what is wrong with them is part of the model
+    # faulty channels are predicted as well: the model contains their fault
     assert np.max(errors(found, healthy)) < 0.012
 
 
 def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_them(estimate):
     dead, field = np.setdiff1d(np.arange(COUNT), KNOWN)[:10], estimate.field
     weights, power = np.array(field.terms.precision), field.power[:, None] + field.noise[:, None]
-    weights[:, dead] = 1 / power  # the others predict nothing of them
+    weights[:, dead] = 1 / power  # the other channels predict nothing of the dead ones
     silent = replace(estimate, field=replace(field, terms=replace(field.terms, precision=weights)))
     found = assess(silent, NAMES)
     assert [fault.kind for fault in found.channels.faults] == 10 * ["dead"] and found.verdict == "model_mismatch"
@@ -156,7 +156,7 @@ def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
     p[:, FAULTY] += draws[0] + 1j * draws[1]
     _, faulty = found_in(replace(healthy, pressures=p))
     assert [(n, one.kind, one.unit) for n, one in faulty.items()] == [(FAULTY, "noisy", "dB")]
-    assert faulty[FAULTY].value == pytest.approx(40 - 15, abs=3)  # over channels with noise at 40 dB
+    assert faulty[FAULTY].value == pytest.approx(40 - 15, abs=3)  # relative to channels with noise at 40 dB
 
 
 def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_predict(estimate):
@@ -165,7 +165,8 @@ def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_pr
     for delay in (-1e-3, 1e-3):
         delayed = np.array(terms.corrected)
         delayed[:, FAULTY] *= np.exp(-2j * np.pi * f * delay)
-        weighted = terms.weighted + (delayed - terms.corrected) * terms.precision  # the prediction by the others stays
+        # The prediction by the other channels does not change.
+        weighted = terms.weighted + (delayed - terms.corrected) * terms.precision
         field = replace(estimate.field, terms=replace(terms, corrected=delayed, weighted=weighted))
         late = replace(with_noise_of(estimate, FAULTY, 1e4), field=field)
         ((n, one),) = faulty_channels(late, covariance_of(late), NAMES).items()
@@ -213,7 +214,7 @@ def test_a_given_position_within_its_sigma_is_not_misplaced_and_one_near_another
 
 def test_a_free_channel_that_was_exchanged_with_a_given_one_goes_to_its_own_place(estimate):
     n, other, x = KNOWN[0], FAULTY, np.array(estimate.positions)
-    x[[n, other]] = x[[other, n]]  # where the pressures place the two channels
+    x[[n, other]] = x[[other, n]]  # the pressures place the two channels there
     swapped = replace(estimate, positions=x)
     faulty = faulty_channels(swapped, covariance_of(swapped), NAMES)
     assert {(number, one.kind, one.partner) for number, one in faulty.items()} == {
@@ -235,6 +236,6 @@ def test_exchanged_given_positions_are_named_with_their_partner(healthy):
 
 
 def test_a_scene_without_noise_has_no_faulty_channel():
-    # what a field model of few microphones leaves unexplained, 45 dB below the signal, ends in one channel's noise
+    # A model of few microphones leaves a part of the field at -45 dB unexplained, and takes it for the noise of one channel.
     found = fdcal.calibrate(fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=18)), known="none")
     assert [one.name for one in found.channels.faults] == []

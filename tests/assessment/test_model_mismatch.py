@@ -62,13 +62,14 @@ def test_without_reflections_the_field_is_said_to_be_a_single_wave():
 def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
     """The sound speed with which the given positions agree is impossible in air."""
     f = np.linspace(40, 400, MODES)
-    pressures = waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)  # the wavenumber grows with the root of f
+    # The wavenumber grows with the square root of f.
+    pressures = waves(disc(24), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8, 1)
     found = fdcal.calibrate(measured((disc(24), f, pressures)), solver="robust")
     assert found.verdict == "model_mismatch" and "sound field" in found.verdict_text
 
 
 def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good():
-    # a rigid sphere hears a diffuse field as a larger open one does: its shape is right and its size is not
+    # a rigid sphere measures a diffuse field as a larger open sphere does: the shape is right, the size is not
     found = fdcal.calibrate(measured(rigid_sphere()), solver="robust")
     assert found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined")
     assert faults(found) == []

@@ -19,7 +19,7 @@ def described(*arguments, **others) -> str:
     return "\n".join(comparison_sentences(*arguments, **others))
 
 
-ERROR = 0.003  # metres, one sigma of each coordinate found
+ERROR = 0.003  # m, standard deviation of each estimated coordinate
 
 
 def ball(seed: int, count: int, dimension: int, radius: float = 0.3) -> np.ndarray:

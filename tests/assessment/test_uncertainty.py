@@ -154,7 +154,7 @@ def test_the_covariance_follows_what_the_blocks_disagree_by_and_is_never_below_t
 
 
 def test_what_a_prior_states_is_no_error_of_the_data_and_not_widened(known, blind):
-    for found in (known, blind):  # no prior but exact positions
+    for found in (known, blind):  # the only prior is that of exact positions
         assert np.trace(found.spread.data) == pytest.approx(np.trace(found.spread.newton), rel=1e-3)
     shares = [
         np.trace(one.data) / np.trace(one.newton)
@@ -271,10 +271,11 @@ def test_every_ellipse_holds_95_percent(dimension):
         panel = SimpleNamespace(plot=lambda x, y, *_, **__: outlines.append(np.stack([x, y], axis=1)))
         enlarged_ellipses(panel, np.zeros((1, 2)), blocks[:1], np.array([[0.0, 0.0], [0.01, 0.01]]))
         (outline,) = outlines
-        assert_holds_95_percent(outline[[0, len(outline) // 4]], blocks[0])  # conjugate half axes, a quarter apart
+        # Two conjugate half axes are a quarter of the outline apart.
+        assert_holds_95_percent(outline[[0, len(outline) // 4]], blocks[0])
 
 
-# The Fisher information of a diffuse field, against the formula of Slepian and Bangs with numerical derivatives.
+# The Fisher information of a diffuse field equals the Slepian-Bangs formula with numerical derivatives.
 
 
 SHARE, WAVENUMBERS = 0.01, [2.0, 5.0, 9.0]

@@ -75,7 +75,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
 
 
-# Files of another kind than a command takes: one line says what the file is and where it belongs.
+# A command refuses a file of another kind: one line says what the file is and which command reads it.
 
 
 @pytest.mark.parametrize(("name", "content", "arguments", "words"), [
@@ -108,8 +108,8 @@ def test_files_and_folders_that_are_not_there_exit_3(refused, arguments, words):
 PACKAGE = Path(__file__).parents[2] / "fdcal"
 BELOW = [path for path in sorted(PACKAGE.rglob("*.py")) if "commands" not in path.relative_to(PACKAGE).parts]
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
-STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # variables of a style sheet, and comments of a page
-ALLOWED = {  # the page says how to list the commands; options of git
+STYLE = re.compile(r"var\(--[\w-]+|--[\w-]+ *:|<!--\S+")  # matches variables of a style sheet and comments of a page
+ALLOWED = {  # the page says how to list the commands; git has the other options
     "model/storage.py": {"--format", "--porcelain"},
     "viewer/tabs/help.py": {"--help"},
 }

@@ -18,7 +18,8 @@ from fdcal.viewer import opening
 
 PAGES = {"index.html", "fig1.html", "lesson-1.html", "lesson-2.html"}
 
-LESSON, SCENES = "3_too_many_too_soon", "5_corner_or_centre"  # one that keeps its scene, one that changes it
+# The first lesson keeps its scene, the second one changes it.
+LESSON, SCENES = "3_too_many_too_soon", "5_corner_or_centre"
 
 
 def few_modes(site):
@@ -76,7 +77,8 @@ def test_every_page_opens_from_the_disk(site, browser):
 def test_a_lesson_asks_shows_its_runs_and_is_resumed(site, browser):
     """The numbers are those in the text of the lesson, which `benchmarks documents` compares with the solver."""
     lesson, one_mode = load_lesson(LESSON), "window.replay?.map?.n == 9 && replay.map.indices.length == 1"
-    with offline_page(browser, site / "fig1.html", ready=one_mode) as page:  # as the index shows it, without an address
+    # The index links to the page without a fragment.
+    with offline_page(browser, site / "fig1.html", ready=one_mode) as page:
         page.goto((site / "lesson-1.html").as_uri())
         page.get_by_text(lesson.steps[0].question).wait_for()
         page.locator("#errors").get_by_text("mean 224 mm").wait_for()
@@ -110,7 +112,7 @@ def test_each_step_of_a_lesson_shows_the_run_of_its_own_scene(site, browser):
     with offline_page(browser, page_path, ready=f"window.replay?.data.known.join() == '{first}'") as page:
         page.get_by_role("button", name=lesson.steps[0].choices[lesson.steps[0].answer - 1]).click()
         page.keyboard.press("End")
-        page.get_by_text(re.compile(r"^farther half \d+ mm$")).wait_for()  # in the plot
+        page.get_by_text(re.compile(r"^farther half \d+ mm$")).wait_for()  # the plot shows this text
         page.get_by_role("button", name="Next step").click()
         wait_for(page, f"window.replay?.data.known.join() == '{second}'")
         assert page.evaluate("location.hash").startswith("#part=2")

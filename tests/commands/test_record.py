@@ -44,7 +44,7 @@ def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, ca
 
 
 def test_each_take_says_what_all_of_them_say_together(folder, capsys, quick_import):
-    (folder / ".fdcal-0.wav").write_bytes(b"RIFF")  # as of a program that was killed
+    (folder / ".fdcal-0.wav").write_bytes(b"RIFF")  # a program that was killed leaves such a file
     arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
     code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 10)
     out = capsys.readouterr().out
@@ -56,7 +56,7 @@ def test_each_take_says_what_all_of_them_say_together(folder, capsys, quick_impo
     sigmas = [float(line.rpartition("one sigma ")[2].split()[0]) for line in out.splitlines() if "result " in line]
     assert len(sigmas) == 2 and sigmas[1] < sigmas[0]
     expected = [line for line in out.splitlines() if line.startswith("next ")]
-    sigma = 1e3 * np.sqrt(np.mean(np.square(found["uncertainty_m"])))  # of two takes
+    sigma = 1e3 * np.sqrt(np.mean(np.square(found["uncertainty_m"])))  # the result is that of two takes
     assert "other side" in expected[0] and f"about {sigma * np.sqrt(2 / 3):.2g} mm" in expected[1]
 
 
@@ -65,7 +65,7 @@ def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch
     blocks, replayed = iter(range(1000)), take.replayed
 
     def pressed(_):
-        if next(blocks) in (30, 31):  # twice, as an impatient user does
+        if next(blocks) in (30, 31):  # an impatient user interrupts twice
             signal.raise_signal(number)
 
     before = signal.getsignal(number)
@@ -77,7 +77,7 @@ def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch
 
 
 def test_a_signal_that_is_ignored_ends_no_take(folder, tmp_path, monkeypatch):
-    replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # as nohup starts a program
+    replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # nohup starts a program like this
     hung_up = lambda _: signal.raise_signal(signal.SIGHUP)  # noqa: E731
     monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, hung_up))
     try:

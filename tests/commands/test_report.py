@@ -69,9 +69,6 @@ def test_distances_without_the_wrong_rows_are_explained_where_they_differ_from_t
     assert check.fits and (TWO_MOTIONS in comparison_text(moved, result, check, None)) == (away > 0)
 
 
-# What the plot commands write beside a picture.
-
-
 def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
     measurement = fdcal.load("tiny")
     found = fdcal.calibrate(measurement, modes=12)

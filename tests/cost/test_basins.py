@@ -43,7 +43,7 @@ def test_a_ripple_does_not_count_and_a_minimum_does():
 def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one():
     x, y = lattice()
     left, right = ((x - at) ** 2 + (y - 0.45) ** 2 for at in (0.3, 0.9))
-    ring = np.abs(np.hypot(x - 0.6, y - 0.45) - 0.3) ** 2 + 1e-7  # on a lattice a chain of holes
+    ring = np.abs(np.hypot(x - 0.6, y - 0.45) - 0.3) ** 2 + 1e-7  # on a lattice, the ring is a chain of small minima
     holes = minima_of(np.minimum(left + 1e-9, right + 1e-6), SEARCH)
     assert holes.count == 2 and len(holes.lowest) == 2 and not len(holes.others), "60 dB and 90 dB below the highest"
     assert holes.end == pytest.approx(1e-4 * float(np.minimum(left, right).max()), rel=1e-3)
@@ -63,7 +63,8 @@ def climbs(cost):
             places = np.flatnonzero(pools.ravel() == pool)
             lowest = places[flat[places].argmin()]
             found.setdefault(lowest, np.inf)
-            for minimum in set(found) & set(places.tolist()) - {lowest}:  # whose pool overflows into a lower one
+            # The pools of these minima overflow into that of a lower one.
+            for minimum in set(found) & set(places.tolist()) - {lowest}:
                 found[minimum] = min(found[minimum], level - flat[minimum])
     return found
 
@@ -139,7 +140,7 @@ def test_every_step_descends_and_the_end_is_the_minimum_of_the_basin(ambiguous, 
 def test_a_path_passes_a_dent_that_is_too_shallow_to_count():
     x = np.arange(60.0)
     cost = np.add.outer((np.arange(21.0) - 10) ** 2, 0.5 * np.abs(x - 14))
-    cost[10, 39] -= 0.6  # lower than both neighbours, by a hundredth of the range at most
+    cost[10, 39] -= 0.6  # lower than both neighbours by at most a hundredth of the range
     search = Search((0.0, 0.0), (5.9, 2.0), 0.1, 1.0)
     basins = basins_of(cost, depth=0.05)
     path = descent_path(cost, search, basins, (3.9, 1.0))

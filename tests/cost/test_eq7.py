@@ -82,7 +82,7 @@ def test_known_weight_multiplies_the_squared_residual_of_the_known_microphones(k
     np.testing.assert_allclose(fit.cost_of(rows), expected, rtol=1e-7)
 
 
-# Rows of the dictionary over any points, and which modes the microphones can carry.
+# Rows of the dictionary exist at all points; the number of microphones limits the modes.
 
 
 SPREAD = np.random.default_rng(3).uniform(-0.4, 0.4, (24, 2)) + [2.61, 2.31]
@@ -116,7 +116,7 @@ def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(d
     assert len(exactly) < len(more)
 
 
-# Descent's search over the lattice ends at the candidate where Eq. 7 is least.
+# The search of descent over the lattice ends at the candidate with the lowest Eq. 7.
 
 
 LATTICE = PlaneLattice(PROBLEM, 2)
@@ -139,7 +139,7 @@ def assert_best(positions, n, centre, modes, weight):
 def test_on_the_lattice_and_off_it_and_where_the_dictionary_has_no_full_rank(n, known_weight):
     modes, centre = slice(1, 9), LATTICE.nearest(CENTRE)
     mixed = np.where(np.arange(len(GUESS))[:, None] % 2, LATTICE.nearest(GUESS), GUESS)
-    threes = np.repeat(mixed[:8], 3, axis=0)  # three microphones in each place carry few functions
+    threes = np.repeat(mixed[:8], 3, axis=0)  # three microphones at one place carry few functions
     for positions in (mixed, threes):
         assert_best(positions, n, centre, modes, known_weight)
     assert np.linalg.matrix_rank(LATTICE.dictionary(threes, centre, [8])[0], tol=1e-10) <= 8 < 2 * LATTICE.orders[8] + 1
@@ -151,9 +151,9 @@ def test_modes_that_the_microphones_cannot_carry_are_refused():
     refuses("were measured; use at most", eq7.require_modes, problem, 2, 1000)
 
 
-# The cost by which the positions of all solvers are compared, also where the solver estimates faulty channels.
+# This cost compares the positions of all solvers, also of those that estimate faulty channels.
 
-FAULTY = (9, 3)  # inverted, dead
+FAULTY = (9, 3)  # channel 9 is inverted, channel 3 is dead
 
 
 def brute_force(problem, positions, offset):
@@ -179,7 +179,7 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     raw = eq7.ReferenceCost(measurement.problem("raw"))
     assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, "in any scale"
     assert np.isnan(raw(np.nan * positions)) and np.isnan(eq7.decibels(np.nan)) and eq7.decibels(0.0) == -160
-    far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
+    far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # the tables do not reach so far
     assert eq7.ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
     n, count, search = int(problem.free[0]), eq7.ReferenceCost(problem).count, problem.search
     positions = measurement.positions + 0.02 * rng.normal(size=measurement.positions.shape)
@@ -238,10 +238,10 @@ def test_gains_multiplied_into_the_pressures_come_out_again(tiny):
 
 def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out(tiny):
     problem, x = tiny.problem(), np.array(tiny.positions)
-    low = slice(0, 8)  # modes that one microphone fewer can carry
+    low = slice(0, 8)  # one microphone fewer can carry these modes
     problem = replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
     x[:-1] += 0.01 * np.random.default_rng(4).normal(size=x[:-1].shape)
-    x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
+    x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion does not change
     noise = np.append(np.ones(len(x) - 1), 1e14)
     fewer = replace(problem, pressures=problem.pressures[:, :-1])
     assert eq7.ReferenceCost(problem).count == eq7.ReferenceCost(fewer).count == 8

@@ -63,10 +63,10 @@ def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
     np.testing.assert_allclose(some, found[1:], rtol=1e-12)
 
 
-# Sums and factorisations of many modes at once are those of one mode after the other.
+# Sums and factorisations of many modes at once equal those of one mode after another.
 
 
-# Plane waves over an array: what they add up to, their slopes, how many are needed.
+# Plane waves over an array have these sums and slopes, and so many of them are needed.
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
@@ -101,14 +101,14 @@ def test_a_matrix_that_is_not_positive_definite_is_refused(kind, N):
         kernels.hermitian_inverses(C)
 
 
-# The likelihood of the pressures: its value, derivatives, invariances, and what it says of a recording.
+# The likelihood of the pressures has these values, derivatives and invariances.
 
 
 RISING = np.array([1.5, 2.5, 4.0])  # rad/m
 M = len(RISING)
 POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
 KERNELS = ["diffuse", "damped", "directional", "damped directional"]
-MANY = 48  # microphones
+MANY = 48  # number of microphones
 CASES = [(kernel, *array, 9) for kernel in KERNELS for array in ARRAYS] + [(kernel, 2, 2, MANY) for kernel in KERNELS]
 
 
@@ -226,7 +226,7 @@ def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dim
     assert own == pytest.approx(likelihood_terms(x, p, replace(field, about=x)).cost, rel=1e-12)
 
 
-# Channels.
+# Channels have gains and corner frequencies.
 
 
 def test_a_delay_and_a_high_pass_are_what_they_do_to_a_signal():
@@ -237,7 +237,7 @@ def test_a_delay_and_a_high_pass_are_what_they_do_to_a_signal():
     np.testing.assert_allclose(filtered, expected, rtol=1e-12)
 
 
-# Power, noise, spectra, blocks.
+# Power, noise, spectra and blocks follow from the likelihood.
 
 
 PROBLEM = measured(TRUTH, [0, 1, 2], highest=200.0, snr_db=30).problem()

@@ -150,7 +150,7 @@ def test_each_partial_sum_is_the_map_of_its_modes(solver, state, modes, order_of
     assert [one.modes for one in sums] == [modes[: i + 1] for i in range(len(modes))]
     for one in sums:
         maps = cost.cost_maps(PLANE, solver, state, 9, one.modes, order_offset, fine)
-        if order_offset is not None:  # whatever the solver and its modes in use
+        if order_offset is not None:  # the order does not depend on the solver or its modes
             assert np.array_equal(
                 maps, cost.eq7_maps(PLANE, state.positions, 9, one.modes, order_offset, fine, state.channels)
             )
@@ -169,13 +169,13 @@ def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     field = np.exp(1j * (2.0 * points @ towards.T + phases[0])).sum(axis=-1)
     shape, _ = cost.mode_shape(waves, positions, 1, 4)
     assert shape.shape == field.shape and np.abs(shape).max() == pytest.approx(1.0)
-    inside = np.s_[2:11, 2:11]  # among the microphones
+    inside = np.s_[2:11, 2:11]  # the part of the lattice among the microphones
     basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
     _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
     assert left[0] < 1e-8, "one moment of the oscillation"
 
 
-# Laws of the likelihood's maps over the search lattice.
+# The maps of the likelihood over the search lattice obey these laws.
 
 
 PLACES = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
@@ -184,7 +184,7 @@ ROUGH = PLACES + np.random.default_rng(4).normal(0, 0.02, PLACES.shape)
 MODES = slice(1, 40, 6)
 N = 7
 CELLAR = Search((2.01, 1.71, 0.4), (1.2, 1.0, 0.6), 0.1, 0.8)
-AREA = Search((1.81, 1.51), (1.6, 1.2), 0.08, 0.8)  # no square, and wider than the array
+AREA = Search((1.81, 1.51), (1.6, 1.2), 0.08, 0.8)  # the domain is not square, and wider than the array
 
 
 def noise_of(problem: Problem, share: float, modes=MODES) -> np.ndarray:

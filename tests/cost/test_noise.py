@@ -40,7 +40,7 @@ def test_position_errors_are_distinguished_from_noise():
         found.append((estimate.spread, estimate.noise_fraction))
         assert estimate.alone > estimate.noise_fraction
     spreads, shares = np.mean(found, axis=0)
-    assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
+    assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # the error is that of both coordinates together
     assert shares < 5e-3
 
 
@@ -92,7 +92,7 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
 
     def costs(way):
         scaled = replace(field, power=np.exp(way * h) * field.power)
-        ratio = estimates.expected_power(field, p) / scaled.power  # an inverse gamma prior
+        ratio = estimates.expected_power(field, p) / scaled.power  # the prior is inverse gamma
         prior = estimates.POWER_COUNT * (ratio - 1 - np.log(ratio))
         of_channels = estimates.CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau))
         assert estimates.hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
@@ -119,7 +119,7 @@ def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
 
     def cost(n, way):
         changed = replace(field, channel_noise=np.where(np.arange(N) == n, np.exp(way * h), 1.0) * tau)
-        # the expected power depends on the channels, too, but hardly
+        # the expected power hardly depends on the channel noise
         prior = estimates.CHANNEL_COUNT * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
         return likelihood_terms(TRUTH, p, changed, derivatives=False).cost + prior
 
@@ -143,14 +143,14 @@ def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
     assert field.channel_noise[1] > 100 and field.channel_noise.max() <= estimates.MAX_CHANNEL_NOISE
 
 
-# Power by direction: each iteration raises the likelihood, and finds the waves that are there.
+# Each iteration of the power by direction raises the likelihood, and finds the waves of the field.
 
 
 WAVENUMBERS = np.array([1.5, 2.5, 4.0])  # rad/m
 MODES = len(WAVENUMBERS)
 POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
-# fewer microphones than directions, and more
+# the cases have fewer microphones than directions, and more
 CASES = [(*array, 9, damping) for array in ARRAYS for damping in (0.0, 0.1)] + [(2, 2, 40, 0.0), (2, 2, 40, 0.1)]
 
 
@@ -178,7 +178,7 @@ def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping,
     W = plane_waves(x - about.mean(axis=0), k, powers, dimension)
     strength, resolved = np.empty_like(powers), np.empty_like(powers)
     for m in range(MODES):
-        A = W[m].T  # (N, Q)
+        A = W[m].T  # shape (N, Q)
         C = POWER[m] * A @ A.conj().T + NOISE[m] * np.diag(tau)
         strength[m] = np.abs(POWER[m] * A.conj().T @ np.linalg.solve(C, p[m])) ** 2 / POWER[m]
         resolved[m] = POWER[m] * np.diag(A.conj().T @ np.linalg.solve(C, A)).real

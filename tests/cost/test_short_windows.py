@@ -45,7 +45,7 @@ def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) 
     return short.ShortLikelihood(k, takes, found, 0.0)
 
 
-@pytest.mark.parametrize("ring", [0.1, -0.3])  # the second is a negative power
+@pytest.mark.parametrize("ring", [0.1, -0.3])  # the second power is negative
 def test_the_gradient_is_that_of_the_cost(ring):
     rng = np.random.default_rng(0)
     field = some_field(rng)
@@ -88,7 +88,7 @@ def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the
     turned = replace(field, positions=field.positions @ turn, directions=field.directions @ turn)
     other = replace(field, positions=1.1 * field.positions)
     assert np.allclose(before, [one.terms(turned).cost for one in (likelihood, louder)], rtol=1e-12, atol=1e-6)
-    # the power of a window costs N log of this power at any positions
+    # the cost of a window contains N log of its power, whatever the positions
     assert np.diff(before) == pytest.approx(np.diff([one.terms(other).cost for one in (likelihood, louder)]))
 
 
@@ -109,7 +109,7 @@ def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands
         assert np.array_equal(np.flatnonzero(moves.all(axis=0)), axes)
     some = short.free_parameters(field, SPACE, spectrum=5)[5 * N : 5 * N + len(field.spectrum)]
     assert np.array_equal(np.flatnonzero(some), range(5)), "the first ones"
-    upwards = turned.spectrum[4]  # in the last case, in which z is free; a larger value means less sound from there
+    upwards = turned.spectrum[4]  # in the last case z is free; a larger value means less sound from above
     level = [-upwards / 2 + turned.spectrum[0], -upwards / 2 - turned.spectrum[0]]
     assert upwards >= max(level[axis] for axis in axes if axis < 2) and np.allclose(turned.spectrum[2:4], 0, atol=1e-12)
 

@@ -39,7 +39,7 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
     np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.lowest[0], atol=1e-6)
     assert with_floor(bare, None).meshes == ()
-    # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
+    # A browser takes a name as a path, and draws what is below the map's node relative to it.
     assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
 
 
@@ -103,13 +103,13 @@ def test_numbers_are_written_without_exponents_of_a_computer(value):
         assert read(text) == pytest.approx(min(value, 0.0) + fraction * abs(value), rel=6e-3)
 
 
-# Of linear RGB: Vienot, Brettel and Mollon, Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
+# The matrices act on linear RGB: Vienot et al., Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
 EYES = {
     "all cones": np.eye(3),
     "no long ones": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
     "no middle ones": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
 }
-APART = 15  # in CIELAB; a distance of two is just visible side by side
+APART = 15  # in CIELAB, where a difference of two is just visible between adjacent colours
 
 
 def lab(colours, eye):

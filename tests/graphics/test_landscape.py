@@ -122,13 +122,13 @@ def test_no_text_of_the_figure_covers_another(measured, count):
     boxes = [text.get_window_extent() for text in texts if not hasattr(text, "get_text") or text.get_text()]
     for i, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[i + 1 :])
-    mark = 8.5 / 72 * figure.dpi  # pixels, half of the largest mark
+    mark = 8.5 / 72 * figure.dpi  # pixels, half the size of the largest mark
     for panel in shown[:-1]:
         top = panel.transData.transform(at_edge)[1] + mark
         assert panel.title.get_window_extent().y0 > top, "a mark at the edge of a map does not reach its title"
 
 
-# Files for other programs, read back by the readers of these programs.
+# Files for other programs can be read by the readers of these programs.
 
 
 @pytest.fixture(scope="module")

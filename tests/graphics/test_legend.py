@@ -22,8 +22,8 @@ from fdcal.model.settings import Search
 from fdcal.viewer.html import canvas_legend
 
 SIZE = (1280, 800)
-PLANE = [name for name, mark in MARKS.items() if mark.text and name != "isosurfaces"]  # marks of a plane array
-# These have labels in the scene, or are parts of a mark.
+PLANE = [name for name, mark in MARKS.items() if mark.text and name != "isosurfaces"]  # a plane array has these marks
+# These marks have labels in the scene, or are parts of another mark.
 SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/", "ball/")
 
 

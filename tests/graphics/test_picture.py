@@ -62,7 +62,7 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     np.testing.assert_allclose(centres[:, :2], measurement.positions, atol=1e-6)
     crosses = part(drawn, "microphones/estimate")
     assert crosses.colour == ESTIMATE
-    middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # two strokes a cross, four corners a stroke
+    middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # a cross has two strokes, a stroke has four corners
     np.testing.assert_allclose(middles[..., :2], np.repeat(estimate[3:, None], 2, axis=1), atol=1e-6)
     blind = dataclasses.replace(measurement, positions=None)
     drawn = pictures.compose(scene, blind, measurement.positions, microphone=4)
@@ -76,7 +76,7 @@ def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_an
     """Solver robust begins with an array that fits only some of the given positions."""
     estimate = measurement.positions.copy()
     estimate[[1, *range(3, len(estimate))]] += 0.05
-    estimate[2] += 1e-4  # its square hides such a small distance
+    estimate[2] += 1e-4  # the square hides such a small distance
     drawn = pictures.compose(scene, measurement, estimate)
     squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
     np.testing.assert_allclose(squares[:, :2], measurement.known_positions, atol=1e-6)
@@ -186,9 +186,10 @@ def test_trails_follow_each_microphone_and_skip_rests(scene, measurement):
 
 def test_ellipses_have_the_half_axes_given(scene, measurement):
     axes = np.tile(np.array([[0.0, 0.004], [0.02, 0.0]]), (12, 1, 1))
-    axes[:3] = 0  # known
+    axes[:3] = 0  # the first three are known
     drawn = pictures.with_ellipses(pictures.compose(scene, measurement), measurement.positions, axes)
-    rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)  # a corner of all, then the next
+    # The first corner of all ellipses, then the second, and so on.
+    rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)
     away = rims - measurement.positions[3:]
     np.testing.assert_allclose(np.abs(away[..., 0]).max(axis=0), 0.02, rtol=1e-4)
     np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)

@@ -132,7 +132,7 @@ def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
         frame.get_by_text("step 0, sweep 0").wait_for()
         frame.get_by_role("button", name="Descent step").click()
         frame.get_by_text("your positions").wait_for()
-        page.wait_for_timeout(400)  # the time after which a page of its own writes its address
+        page.wait_for_timeout(400)  # a live page writes its address within this time
         assert frame.get_by_text("your positions").is_visible() and page.get_by_text("Notebook").is_visible()
     refuses("read from a file", lambda: fdcal.Calibration.from_json(found.to_json()).show())
 
@@ -159,11 +159,11 @@ def test_a_measurement_without_search_domain_has_maps_too(run, tmp_path):
     assert ((low < positions[-1]) & (positions[-1] < high)).all()
 
 
-# The maps of a replay are those of Python, for any array, and its address leads to a moment.
+# The maps of a replay equal those of Python for any array, and its address selects a step.
 
 
 SEARCH = Search((0.0, -0.2), (1.0, 0.8), 0.05, 0.5)
-POINTS, FINE_POINTS = 120, 480  # of the map in a replay, along its longer edge; of few modes
+POINTS, FINE_POINTS = 120, 480  # points along the longer edge of a map; the finer map has few modes
 
 MAP = """([t, n, indices]) => {
     const positions = [];
@@ -237,11 +237,12 @@ def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_th
         said = page.locator("#note").inner_text()
         assert said == "Not in this replay: step=1e9, microphone=99, modes=7-3, view=<b>, zoom=0,0,0"
         page.get_by_text("step 0, sweep 0").wait_for()
-        page.evaluate("location.hash = 'step=999999&microphone=12&modes=2-6'")  # the last step is the nearest one
+        # A step beyond the end selects the last one.
+        page.evaluate("location.hash = 'step=999999&microphone=12&modes=2-6'")
         page.get_by_text("step 30, sweep 0").wait_for()
         wait_for(page, "document.getElementById('note').innerText == ''")
         wait_for(page, "replay.map?.n == 12 && replay.map.indices.length == 5")
-        lattice = refined(problem.search, FINE_POINTS)  # of few modes
+        lattice = refined(problem.search, FINE_POINTS)  # a map of few modes is finer
         total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
         cost = np.array(json.loads(page.evaluate("JSON.stringify([...replay.map.cost])"))).reshape(total.shape)
         np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
@@ -250,12 +251,14 @@ def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_th
         for name, places in (("lowest", there.lowest), ("others", there.others)):
             np.testing.assert_allclose(np.reshape(marked[name], (-1, 2)), places, atol=1.01 * lattice.step)
         image = np.asarray(Image.open(io.BytesIO(page.locator("#view").screenshot())).convert("RGB")).astype(int)
-        row, column = np.argwhere(np.abs(image - LOWEST).max(axis=2) < 20).mean(axis=0)  # in part below the ball
+        # The ball covers a part of the mark.
+        row, column = np.argwhere(np.abs(image - LOWEST).max(axis=2) < 20).mean(axis=0)
         np.testing.assert_allclose([column, row], page.evaluate("replay.drawn(12)"), atol=10)
         weak, strong = (10 ** (np.linspace(-14 - range_db, -14, total.size) / 10) for range_db in (0.1, 1.1))
-        for cost in (weak, strong):  # the scale follows the same rule as in all pictures
+        for cost in (weak, strong):  # the scale follows the rule of all pictures
             low, high = colour_limits(cost, True)
-            ends, first, last = page.evaluate(SCALE_OF, json.dumps(cost.tolist()))  # as a text: an array takes seconds
+            # A text is fast, an array takes seconds.
+            ends, first, last = page.evaluate(SCALE_OF, json.dumps(cost.tolist()))
             np.testing.assert_allclose(ends, 10 * np.log10([low, high]), atol=1e-9)
             wanted = to_rgb(normalise(np.array([cost[0], cost[-1]]), low, high, True))
             np.testing.assert_allclose([first, last], wanted, atol=4)  # rounding may select the next colour
@@ -293,7 +296,8 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
         address = "#step=10&microphone=none&modes=3&view=40,25&zoom=2,0.1,-0.05&map=flat&trails=on&theme=dark"
         page.evaluate(f"location.hash = '{address}'")
         page.get_by_text("step 10, sweep 0").wait_for()
-        wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")  # the one that the step moved
+        # The map is that of the microphone that the step moved.
+        wait_for(page, "replay.map?.n == 4 && replay.map.indices.length == 1")
         wait_for(page, "document.documentElement.dataset.theme == 'dark'")
         page.keyboard.press("ArrowRight")
         page.keyboard.press("ArrowLeft")
@@ -306,7 +310,8 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
         page.get_by_role("button", name="Play").wait_for()
         page.evaluate(f"location.hash = '{after}'")
         page.get_by_text("step 10, sweep 0").wait_for()
-        page.evaluate("for (const _ of [1, 2]) document.getElementById('play').click()")  # on, and off
+        # The first click plays, the second one pauses.
+        page.evaluate("for (const _ of [1, 2]) document.getElementById('play').click()")
         with opened(browser, tmp_path / "moment.html", text, after) as again:
             wait_for(again, "replay.map?.n == 4 && replay.map.indices.length == 1")
 

@@ -87,14 +87,14 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
     assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a hole that the map marks"
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
-    home = np.linalg.norm(end - below) < 0.01  # in the hole in which the true position lies
+    home = np.linalg.norm(end - below) < 0.01  # the minimum of the true position
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
     reached = f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
     assert words == (reached if home else f"Trapped, {off} off")
     assert tries == f"{int(home)} of 1 drop reached the true position"
 
 
-# A place of the map from which the way downhill ends at its edge.
+# Return a point of the map from which the path downhill ends at its edge.
 TO_THE_EDGE = """() => {
     const {lattice, minima} = replay.map, marked = [...minima.lowest, ...minima.others];
     const apart = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -134,7 +134,7 @@ def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
 
 def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
     address = page.url.partition("#")[0]
-    page.goto("about:blank")  # otherwise the page could write an address without the opening before it is loaded again
+    page.goto("about:blank")  # otherwise the page could write an address before it is loaded again
     page.goto(f"{address}#step=0&microphone={MICROPHONE}&modes=17&view=top&opening=on")
     wait_for(page, "document.getElementById('words').innerText.startsWith('One frequency')")
     count = page.evaluate("replay.map.minima.count")

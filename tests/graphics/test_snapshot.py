@@ -17,7 +17,7 @@ from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import StorageError
 
-SIZE = (1300, 1030)  # the legend takes the lowest 27 pixels
+SIZE = (1300, 1030)  # the legend covers the lowest 27 pixels
 VIEWS = ("top", "close")
 
 
@@ -49,7 +49,7 @@ def drawn(painted, scene, measurement, estimate, floor):
 
     def draw(view, dark=False):
         if (view, dark) not in images:
-            selected = 5 if dark else None  # its name may cover a neighbour
+            selected = 5 if dark else None  # the name of a selected microphone may cover a neighbour
             picture = compose(scene, measurement, estimate, selected, floor, "Tiny", dark)
             images[view, dark] = picture, painted(picture, SIZE, view)
         return images[view, dark]

@@ -86,7 +86,7 @@ class Terms:
 
 def test_the_layer_of_a_height_lies_on_the_floor_in_the_colours_of_the_scale():
     sampled, volume = SampledVolume(Terms(), SEARCH, cost(), None), volume_of(cost(), SEARCH, True)
-    for z, shown in ((3.1, 3.1), (2.0, 3.0), (9.0, 3.4)):  # beyond the domain, the layer at its edge is shown
+    for z, shown in ((3.1, 3.1), (2.0, 3.0), (9.0, 3.4)):  # a height outside the domain shows the layer at its edge
         floor = layer_floor(volume, sampled, z, 0.5, True, 40)
         assert floor.bar.label.endswith(f"layer z = {shown:.2f} m") and floor.height == 0.5 and not floor.show_minima
         np.testing.assert_allclose([*floor.origin, *floor.size], [*DOMAIN[0, :2], *np.ptp(DOMAIN, axis=0)[:2]])

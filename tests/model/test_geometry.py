@@ -23,7 +23,7 @@ def test_circles_rectangles_and_lattices():
     points = arrays.circle(65, 0.35)
     assert np.allclose(np.linalg.norm(points, axis=1), 0.35)
     assert np.allclose(np.linalg.norm(np.diff(points, axis=0, append=points[:1]), axis=1), 0.7 * np.sin(np.pi / 65))
-    points = arrays.rectangle((3, 2), (2.0, 1.0))  # along x first
+    points = arrays.rectangle((3, 2), (2.0, 1.0))  # x runs fastest
     assert np.allclose(points, [[-1, -0.5], [0, -0.5], [1, -0.5], [-1, 0.5], [0, 0.5], [1, 0.5]])
     assert np.allclose(arrays.rectangle((1, 2), (5.0, 1.0)), [[0, -0.5], [0, 0.5]])
     rng = np.random.default_rng(0)
@@ -32,17 +32,17 @@ def test_circles_rectangles_and_lattices():
         arrays.rectangle_plus_random((2, 2), (0.12, 0.12), 13, 0.04, rng)
 
 
-@settings(deadline=None)  # a busy machine is no fault
+@settings(deadline=None)  # a busy machine must not fail the test
 @given(st.integers(0, 2**32), st.integers(1, 40))
 def test_random_microphones_are_drawn_without_replacement(seed, extra):
     rngs = np.random.default_rng(seed), np.random.default_rng(seed)
     points, again = (arrays.rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, rng) for rng in rngs)
     assert np.array_equal(points, again), "the same seed gives the same array"
     assert len(np.unique(np.round(points / 0.02), axis=0)) == len(points) == 9 + extra
-    assert np.abs(points - 0.02).max() <= 0.2 + 1e-9  # the cells round 0 are centred on 0.02
+    assert np.abs(points - 0.02).max() <= 0.2 + 1e-9  # 0.02 is the centre of the cell that begins at 0
 
 
-@settings(deadline=None)  # a busy machine is no fault
+@settings(deadline=None)  # a busy machine must not fail the test
 @given(st.floats(-10, 10), st.floats(-10, 10), st.sampled_from([0.02, 0.04, 0.017]))
 def test_snapping_returns_the_centre_of_the_own_cell_and_is_idempotent(x, y, cell):
     snapped = arrays.snap(np.array([x, y]), cell)
@@ -97,7 +97,7 @@ def across(outline, positions):
 
 def test_array_round_a_corner_or_on_both_sides_of_a_slot_is_refused():
     places = ((1.51, 1.91), (2.49, 1.91), (2.49, 2.81), (1.51, 2.81))
-    for end in (2.3, 1.0):  # a slot that ends between the microphones, and one that separates them
+    for end in (2.3, 1.0):  # one slot ends between the microphones, the other separates them
         slot = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (2.02, 5.0), (2.02, end), (2.0, end), (2.0, 5.0), (0.0, 5.0))
         refuses("nothing may obstruct", arrays.positions_of, across(slot, places))
     scene = across(None, ((3.91, 4.01), (5.01, 2.91), (3.51, 2.51), (2.51, 2.51)))
@@ -105,7 +105,7 @@ def test_array_round_a_corner_or_on_both_sides_of_a_slot_is_refused():
     arrays.positions_of(across(None, ((3.91, 2.91), (3.01, 2.91), (3.01, 1.91), (2.51, 2.51))))
 
 
-# Arrays in a room of three dimensions.
+# An array in a room of three dimensions measures the field at its microphones.
 
 
 @pytest.mark.parametrize("name", ["ball3d", "plane3d"])
@@ -126,7 +126,7 @@ def test_the_measurement_is_the_field_at_the_microphones(name):
     np.testing.assert_allclose(measured.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))
 
 
-# Rigid alignment and position errors.
+# Rigid alignment undoes a motion, and position errors remain without it.
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -138,11 +138,11 @@ def test_alignment_undoes_any_rigid_motion(dimension, mirror):
     Q[:, 0] *= mirror
     assert position_errors(align(truth @ Q + rng.normal(size=dimension), truth), truth) == pytest.approx(0, abs=1e-12)
     assert position_errors(align(2 * truth, truth), truth).max() > 0.1, "no scaling"
-    flat = np.eye(dimension + 1, dimension)  # spans the space
+    flat = np.eye(dimension + 1, dimension)  # these points span the space
     assert fixes_gauge(flat) and not fixes_gauge(flat[:-2]) and not fixes_gauge(np.outer(np.arange(4.0), flat[0] + 1))
 
 
-# A random source keeps its distances everywhere in the room, or is not found.
+# A random source keeps its distances everywhere in the room; if there is no room for it, there is none.
 
 
 MICROPHONES = np.array([[2.0, 2.0], [2.4, 2.0], [2.0, 2.4]])
@@ -163,7 +163,7 @@ def test_places_keep_their_distances_and_reach_all_of_the_room(size):
     assert np.bincount((places[:, 0] > 2.5) * 2 + (places[:, 1] > 2.0)).min() > 100
 
 
-# A search domain made for a measurement that has none: it holds the array with room to spare, in any dimension.
+# A measurement without a search domain gets one: it contains the array and a margin, in any dimension.
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -181,7 +181,7 @@ def test_it_holds_the_array_and_a_margin(dimension, size):
     moved, larger = search_around(positions + 7.0), search_around(10 * positions)
     np.testing.assert_allclose(np.subtract(moved.origin, search.origin), 7.0)
     assert moved.size == pytest.approx(search.size) and moved.radius == pytest.approx(search.radius)
-    if size > 0.1:  # a smaller array has the smallest domain
+    if size > 0.1:  # smaller arrays get the smallest domain
         assert larger.step == pytest.approx(10 * search.step) and larger.radius == pytest.approx(10 * search.radius)
 
 
@@ -197,7 +197,7 @@ def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
     assert moved.radius == 3.0
 
 
-# Lengths are written without exponents, in metres from one on.
+# Lengths are written without exponents; lengths from one metre on are written in metres.
 
 
 @pytest.mark.parametrize(

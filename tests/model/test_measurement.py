@@ -82,7 +82,7 @@ def test_a_measurement_survives_the_round_trip(written):
         assert np.array_equal(getattr(given, name), getattr(back, name))
         assert getattr(given, name).dtype == getattr(back, name).dtype
     assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
-    model.load_measurement(written(remark=np.array([None])))  # a key that fdcal does not know
+    model.load_measurement(written(remark=np.array([None])))  # an unknown key is ignored
     back = model.load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS[[2, 0, 1]]))
     assert back.known.tolist() == [0, 1, 2] and np.array_equal(back.known_positions, POSITIONS[:3]), "in any order"
     assert np.array_equal(model.load_measurement(written(spectrum=SPECTRUM)).spectrum, SPECTRUM)
@@ -132,7 +132,7 @@ def test_the_other_time_sign_is_refused(written):
     assert model.load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
 
 
-# Measurements of arrays; positions that somebody gives.
+# Measurements are made from arrays, and positions are added to them.
 
 
 RNG = np.random.default_rng(1)

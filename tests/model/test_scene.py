@@ -29,7 +29,7 @@ def test_name_and_path_give_the_same_scene(edited):
 FLAT = "position = [4.3, 3.5]\nlow = 20.0\nhigh = 300.0\nsample_rate = 700.0"
 CORNER = "[[0, 0], [1.68, 0], [1.68, 1.2], [0.6, 1.2], [0.6, 0.6], [0, 0.6]]"
 
-RANGES = [  # of one key each
+RANGES = [  # each case changes one key
     ("array.random", "100000", "array.count = 100009"), ("source.high", "9000.0", "half of source.sample_rate = 13000"),
     ("search.origin", "[1e300, 0.4]", "too far away"), ("measurement.snr_db", "-inf", "decibels"),
     ("gauge.known", "[0, 5, 5]", "twice"), ("faults.phase_deg", "nan", "must be a number"),
@@ -80,7 +80,7 @@ RANGES = [  # of one key each
         ({"gauge.known": "[0, 5, 16]"}, ["gauge.known names microphone 16", "0 to 15"]),
         ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
         ({"search.origin": "[0.7, 0.3]"}, ["microphone 3", "search domain", "search.origin or search.size"]),
-        # several places of the source
+        # the source has several places
         *(
             ({"source.position": None, "source.positions": places}, words)
             for places, words in (

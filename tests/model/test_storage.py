@@ -240,7 +240,7 @@ def test_the_least_recently_used_files_are_deleted(folder, monkeypatch):
         file = folder / f"{name * 64}.npy"
         file.write_bytes(bytes(1000))
         os.utime(file, (1e9 - age, 1e9 - age))
-    (folder / "notes.npy").write_bytes(bytes(5000))  # no file of the cache
+    (folder / "notes.npy").write_bytes(bytes(5000))  # the cache did not write this file
     (folder / ".fdcal-0123.npy").touch()
     os.utime(folder / ".fdcal-0123.npy", (1e9, 1e9))
     monkeypatch.setattr(storage, "CACHE_BYTES", 3500)

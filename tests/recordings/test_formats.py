@@ -64,7 +64,7 @@ CONVENTIONS = {
     **dict.fromkeys(("SingleRoomSRIR", "SingleRoomMIMOSRIR", "SimpleFreeFieldHRIR", "FreeFieldHRIR"), "1.0"),
     **{"GeneralFIR": "1.0", "GeneralFIR-E": "2.0", "SingleRoomDRIR": "0.3", "MultiSpeakerBRIR": "0.3"},
 }
-EMITTERS = ("SingleRoomMIMOSRIR", "MultiSpeakerBRIR", "GeneralFIR-E")  # with an axis of their own
+EMITTERS = ("SingleRoomMIMOSRIR", "MultiSpeakerBRIR", "GeneralFIR-E")  # emitters have an axis of their own here
 
 
 def room_sofa(convention: str = "SingleRoomSRIR") -> sofar.Sofa:
@@ -118,7 +118,7 @@ def written(
         place(sofa, "Listener", PLACES if moved else np.zeros((1, 3)), in_degrees and moved)
         place(sofa, "Receiver", np.zeros((1, 3)) if moved else PLACES, in_degrees and not moved)
         if convention == "SingleRoomSRIR" and not moved:
-            sofa.ReceiverPosition = sofa.ReceiverPosition[:, :, None]  # one for each measurement
+            sofa.ReceiverPosition = sofa.ReceiverPosition[:, :, None]  # one position for each measurement
         directed(sofa, "Receiver", receivers)
         if hasattr(sofa, "RoomTemperature"):
             sofa.RoomTemperature = kelvin
@@ -128,7 +128,8 @@ def written(
                 directed(sofa, "Source", N)
             if hasattr(sofa, "MeasurementDate"):
                 sofa.MeasurementDate = np.zeros(N)
-        if convention in ("SingleRoomDRIR", "MultiSpeakerBRIR"):  # which sofar reads and no longer writes
+        # Sofar reads these conventions but no longer writes them.
+        if convention in ("SingleRoomDRIR", "MultiSpeakerBRIR"):
             with pytest.raises(ValueError, match="deprecated"):
                 sofar.write_sofa(str(path), sofa)
             _write_sofa(str(path), sofa, verify=False)
@@ -286,7 +287,7 @@ def of_channel(number: int, values):
          'sample 17 of channel "1" is not a finite'),
     ],
 )  # fmt: skip
-@pytest.mark.filterwarnings("error", "ignore::ResourceWarning")  # of what another test may have left open
+@pytest.mark.filterwarnings("error", "ignore::ResourceWarning")  # another test may have left a file open
 def test_the_fault_of_a_file_is_named(name, write, words, tmp_path):
     write(tmp_path / name)
     assert words in refusal(tmp_path / name)
@@ -318,7 +319,7 @@ def write_table(path: Path, header: str = "", delimiter: str = ",", times=None, 
 
 
 SECONDS, NUMBERS = np.arange(T) / RATE, np.arange(T)
-ARRAYS = [  # name, writer, whether it has no rate
+ARRAYS = [  # name, writer, whether the file has no rate
     ("a.npy", lambda path: np.save(path, SAMPLES.T), True),
     ("a.npz", lambda path: np.savez(path, SAMPLES.T), True),
     ("a.npz", lambda path: np.savez(path, x=SAMPLES[None], fs=RATE, positions=PLACES), False),
@@ -367,7 +368,7 @@ def of_length(length: int):
     return changed("b.wav", (b"data", 4, length.to_bytes(4, "little")))
 
 
-LENGTH = 3 * N * T  # bytes of the samples
+LENGTH = 3 * N * T  # number of bytes of the samples
 ZEROS = (b"ds64", 8, bytes(24))
 LENGTHS = {
     **{f"{length:#x}.wav": of_length(length) for length in (0x7FFFF000, 0x80000000, 0x7FFFFF00, 0xFFFFFFFF, 0)},
@@ -388,7 +389,7 @@ def test_a_length_that_its_program_did_not_know_is_that_of_the_file(name, tmp_pa
     assert np.allclose(read_samples(recording, 0, T), SAMPLES, atol=1e-6) and recording.samples == T
     remark = "the length in its header is not that of the file, which is read to its end"
     assert [one.message for one in caplog.records] == [f"{tmp_path / name}: {remark}"]
-    if name == "header.wav":  # samples are missing indeed
+    if name == "header.wav":  # this file really lacks samples
         os.truncate(tmp_path / name, 44 + LENGTH - 300)
         assert "is truncated" in refusal(tmp_path / name)
 
@@ -433,7 +434,7 @@ def through(file: h5py.File) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (half_precision, "cannot be read"),  # netCDF 4.10 crashes
+        (half_precision, "cannot be read"),  # netCDF 4.10 crashes on this type
         (linked, '"aside" is a link to /etc/passwd, and fdcal reads no other file'),
         (outside, '"aside" has its values in /etc/passwd'),
         (through, '"aside" is a virtual dataset'),
@@ -482,7 +483,8 @@ def clipped(samples, subtype: str, path: Path) -> list[int]:
 
 def test_peaks_cut_off_are_found_however_short(tmp_path):
     rng = np.random.default_rng(0)
-    noise = 0.1 * rng.standard_normal((4, 20_000))  # white: two neighbours are hardly ever beyond the limit
+    # White noise hardly ever exceeds the limit in two neighbouring samples.
+    noise = 0.1 * rng.standard_normal((4, 20_000))
     over = noise.copy()
     over[1] *= 3
     assert np.sum(np.abs(over[1]) > 1) > 10
@@ -502,7 +504,7 @@ def test_sound_that_only_comes_near_is_not_called_clipped(tmp_path):
     assert clipped(tone, "FLOAT", tmp_path / "c.wav") == []
 
 
-# Positions out.
+# Positions are written to files.
 
 PLACED = MicrophonePositions(
     ("a", "b & <c>", "ü", "d", "e"), PLACES, np.array([0.001, 0.002, 0.003, 0.004, 1 / 3]), "known"
@@ -558,7 +560,7 @@ def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
     assert Path(command[-1]).read_text() == "mine"
 
 
-# SOFA: every convention for rooms that sofar writes, receivers side by side or one that is moved.
+# sofar writes every convention for rooms, with all receivers in one measurement or one receiver that moves.
 
 
 @pytest.mark.parametrize("moved", [False, True], ids=["receivers side by side", "one that is moved"])

@@ -24,7 +24,7 @@ from fdcal.recordings.cross_spectra import DecimationSettings, decimate, station
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
 from fdcal.recordings.recording import ImportOptions, Recording, read_samples, recording_of
-from fdcal.session import doctor  # noqa: F401  imported here, or it would keep what a test puts in the place of `solve`
+from fdcal.session import doctor  # noqa: F401  an import during a test would keep the replaced `solve`
 from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input
 
@@ -201,7 +201,7 @@ def test_frequencies_are_even_whatever_their_level():
     few = f[frequencies.choose_frequencies(f, power, flat, 2.5, 12)]
     assert len(few) == 12
     assert np.ptp(few) > 300, "spread over the band"
-    narrow = np.where(power > 10, power, 1e-6)  # two resonances above the noise
+    narrow = np.where(power > 10, power, 1e-6)  # two resonances are above the noise
     heard = f[frequencies.choose_frequencies(f, narrow, np.full(len(f), 1e-1), 2.5, 400)]
     assert np.all(np.abs(heard - 101.7) < 2.5) and len(heard) == 2
     refuses("10 dB above the noise", frequencies.choose_frequencies, f, power, 100 * power, 2.5)
@@ -242,7 +242,7 @@ def test_an_impossible_choice_is_refused(call, words):
     refuses(words, lambda: call(mesh_recording()))
 
 
-# Through the command line.
+# The command line imports and calibrates recordings.
 
 
 @pytest.fixture(scope="module")
@@ -291,7 +291,8 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
         assert words in import_summary(measurement, report)
         assert measurement.frequencies[-1] <= report.highest_frequency < 500
         assert report.highest_frequency == pytest.approx(limit) or name == "bare.npz"
-    close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]  # which contain nothing about the others
+    # The closest pair says nothing about the other distances.
+    close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]
     known = write_places(tmp_path / "known.csv", places()[close], close)
     _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
     assert limit / 2 < report.highest_frequency < 2 * limit
@@ -324,7 +325,7 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
 
 
 def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_nobody_gave(tmp_path):
-    # a common signal with independent noise in each channel has the coherence of a very large array
+    # A common signal with independent noise in each channel has the coherence of a very large array.
     rng = np.random.default_rng(5)
     own, common = rng.standard_normal((8, 10 * FS)), rng.standard_normal(10 * FS)
     np.savez(tmp_path / "a.npz", recordings=own + 0.4 * common, sample_rate=FS, kind="stationary")
@@ -414,7 +415,7 @@ def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
     assert exit_code("calibrate", "tiny", "--check") == 4
 
 
-# A deconvolved response states the noise that is in it; one that wraps round is recognised.
+# Deconvolution estimates the noise of a response; a response that wraps round is recognised.
 
 
 RATE, SWEPT, COUNT = 1000, (30.0, 300.0), 24  # Hz, Hz, channels

@@ -64,7 +64,8 @@ def test_the_fault_of_a_channel_is_named_whatever_the_channel(sound, channel):
     for kept in (int(0.3 * T), int(0.8 * T)):
         ((name, words),) = faults(changed(np.concatenate([own[:kept], noise_like(own)[kept:]]))).items()
         assert name == str(channel) and words.startswith("has another clock")
-    for loudness in (0, 1):  # for noise or silence the answer is unknown, and the other channels are fine
+    # If the channel is silent or contains only noise, its delay is unknown; the other channels are healthy.
+    for loudness in (0, 1):
         found = delays_of(changed(loudness * noise_like(own)))
         assert found.faults(NAMES) == {} and found.unknown(NAMES) == [str(channel)]
 

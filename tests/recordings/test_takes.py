@@ -79,7 +79,7 @@ def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, cap
 
 def test_files_of_one_channel_are_the_channels_of_one_take(folder):
     files = sorted((folder / "single").iterdir())
-    for file in files[:2]:  # as a Mac adds to each file on a disk of another system
+    for file in files[:2]:  # macOS adds such a file to each file on a foreign disk
         (folder / "single" / f"._{file.name}").write_bytes(b"\0\5\x16\7")
     same(fdcal.load(folder / "single", **GIVEN), fdcal.load(files, **GIVEN))
     joined, whole = fdcal.load(files, **GIVEN), fdcal.load(folder / "take0.wav", **GIVEN)
@@ -253,7 +253,8 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
     path.mkdir()
     np.save(path / "pos_mic.npy", places(COUNT))
     np.save(path / "pos_src.npy", np.array(SOURCES[:2]))
-    every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(2)])  # at 48 kHz
+    # The rate is 48 kHz.
+    every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(2)])
     for n in range(COUNT):
         np.save(path / f"ir_{n}.npy", every[:, n])
     options = {"sound_speed": SPEED, "frequencies": "50:350"}

@@ -17,7 +17,7 @@ def threads() -> list[int]:
 
 @pytest.fixture
 def two_threads():
-    with one_blas_thread():  # loads all libraries
+    with one_blas_thread():  # the call loads all libraries
         pass
     with threadpool_limits(2, user_api="blas"):
         yield

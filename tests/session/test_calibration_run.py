@@ -26,7 +26,7 @@ def test_a_distance_or_given_positions_that_no_air_explains_are_doubted(solver, 
     if distance is None:
         given = {n: 0.85 * x[n] for n in (0, 5, 7)}
         found = fdcal.calibrate(measurement, known=given, sound_speed_sigma=0.05, **options)
-    else:  # without known microphones, which would contradict the distance
+    else:  # known microphones would contradict the distance
         blind = replace(measurement, known=(), known_positions=None)
         length = (0, 15, distance * float(np.linalg.norm(x[0] - x[15])))
         found = fdcal.calibrate(blind, known="none", distance=length, **options)
@@ -35,7 +35,7 @@ def test_a_distance_or_given_positions_that_no_air_explains_are_doubted(solver, 
     assert f"{doubted} or the sound speed is wrong" in found.verdict_text
 
 
-# A scene that is a measurement: opened by its name like any other, simulated by nothing.
+# A scene may name a measurement; it is opened by its name like any other scene, and nothing is simulated.
 
 
 ROOT = Path(__file__).parents[2]

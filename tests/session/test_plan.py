@@ -30,7 +30,8 @@ def test_layouts_from_files(tmp_path):
     table.write_text("name,x,y,z\na,0,0,1\nb,1,0,1\nc,0,1,1\n")
     geometry.write_text('<MicArray><pos Name="p" x="0" y="0" z="0"/><pos Name="q" x="1" y="0" z="0.5"/></MicArray>')
     assert planning.read_layout(str(table)).names == ("a", "b", "c")
-    assert planning.read_layout(str(table)).positions.shape == (3, 2)  # one height: a plane
+    # All microphones have one height: the array is plane.
+    assert planning.read_layout(str(table)).positions.shape == (3, 2)
     assert planning.read_layout(str(geometry)).positions.shape == (2, 3)
 
 
@@ -43,7 +44,7 @@ WRONG = {
     "frequencies": [{"reverberation_time": 1e9}, {"band": (20.0, 21.0)}],
     "room": [
         {"kind": "impulse"}, {"text": "ball 12 0.3", "room": (5.0, 4.0)},
-        # larger than the room: a plane, a ball that has no band either, an array in a plane room
+        # These are larger than the room: a plane array, a ball that has no band either, a circle in a plane room.
         {"text": "rectangle 4x4 3x3", "room": (2.0, 4.0, 2.5)}, {"text": "ball 16 4", "room": (5.0, 4.0, 2.6)},
         {"text": "circle 16 0.3", "room": (5.0, 0.7)},
     ],
@@ -84,7 +85,7 @@ def test_a_refused_request_names_microphones_sizes_and_frequencies_with_their_di
     refuses(words, make)
 
 
-LARGE = ("ball 40 0.4",)  # whose short windows are not used
+LARGE = ("ball 40 0.4",)  # its short windows are not used
 
 
 def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_the_number_of_takes():

@@ -54,7 +54,7 @@ def test_a_smaller_array_stands_in_a_smaller_domain(name):
     assert size[1] == pytest.approx(0.8 * size[0], abs=2 * (scene.room.cell or 0) + 1e-9)
     assert smaller.search.radius == pytest.approx(0.8 * scene.search.radius)
     assert "radius" in smaller.title and parameters_of(smaller).radius == pytest.approx(0.8 * parameters.radius)
-    if scene.room.dimension == 2:  # every cell centre inside remains a candidate
+    if scene.room.dimension == 2:  # every cell centre inside the domain remains a candidate
         steps = (positions_of(smaller) - smaller.search.origin) / smaller.search.step
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
 

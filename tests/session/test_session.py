@@ -16,7 +16,7 @@ from fdcal.session import session as module
 from fdcal.session.session import Session, SolverRun, StateCosts
 from fdcal.session.worker import Lane, LatestWorker, Scheduler
 
-WAIT = 20.0  # s, bound of every wait; if the law holds, no wait reaches it
+WAIT = 20.0  # s, the bound of every wait; no wait reaches it unless the law is violated
 
 
 @dataclass(frozen=True)
@@ -88,10 +88,10 @@ def test_pause_stops_within_the_step_under_way(make):
     session = make(solver)
     session.play()
     assert solver.began.acquire(timeout=WAIT)
-    session.pause()  # asked for while the first step is under way
+    session.pause()  # the first step is still running
     solver.gate.release()
     assert session.wait_for(lambda view: view.count == 2 and not view.running, WAIT)
-    session.step()  # the next step begins because of this command, not before it
+    session.step()  # this command starts the next step
     solver.gate.release()
     assert session.wait_for(lambda view: view.count == 3, WAIT)
     assert solver.began.acquire(timeout=WAIT)
@@ -164,7 +164,7 @@ def test_an_exception_pauses_the_session_and_is_shown(make, caplog):
     assert session.wait_for(lambda view: view.error == "RuntimeError: the matrix is singular", WAIT)
     assert not session.view.running and session.view.state.step == 2
     assert "the matrix is singular" in caplog.text
-    session.reset(-1)  # another failure, in init this time
+    session.reset(-1)  # this time `init` fails
     assert session.wait_for(lambda view: "seed below zero" in view.error, WAIT)
     assert session.view.count == 3, "a failed reset must leave the states alone"
     solver.fail_at = None
@@ -209,7 +209,7 @@ def test_close_ends_the_thread_while_playing_and_an_error_in_the_first_init_reac
     session = Session(None, None, 0, module=solver)
     session.play()
     assert solver.began.acquire(timeout=WAIT)
-    assert not session.close(timeout=0.0)  # the step in progress delays it
+    assert not session.close(timeout=0.0)  # the running step delays the end
     solver.gate.release()
     assert session.close(WAIT) and not session.view.running
 
@@ -227,7 +227,7 @@ def test_worker_runs_the_newest_request_only():
     assert worker.latest is None and not worker.busy
     worker.request(0)
     assert began.acquire(timeout=WAIT)
-    for number in range(1, 50):  # all of these while the first is under way
+    for number in range(1, 50):  # the first request is still running
         worker.request(number)
     assert worker.busy
     gate.release(2)
@@ -255,7 +255,7 @@ def test_workers_of_a_lane_take_turns_and_a_long_computation_gives_way_between_i
     long = LatestWorker(parts, lane=lane, notify=lambda: told.append(long.latest.request))
     quick = LatestWorker(done.append, lane=lane)
     long.request("a")
-    quick.request("quick")  # before the first part ends
+    quick.request("quick")  # the first part has not ended
     gate.release()
     assert quick.wait_for(lambda latest: latest is not None, WAIT) and done == ["a0", "quick"] and long.busy
     gate.release(2)
@@ -282,7 +282,7 @@ def test_a_worker_reports_an_exception_and_continues_and_logs_only_what_its_call
 
 def test_a_slow_pace_holds_up_no_command(make):
     session = make(Counter())
-    session.pace(1e-3)  # a step every 1000 s
+    session.pace(1e-3)  # one step in 1000 s
     session.play()
     assert session.wait_for(lambda view: view.running, WAIT)
     session.pause()
@@ -319,7 +319,7 @@ def test_a_microphone_placed_by_the_user_is_a_state_of_its_own(make):
     session = make(Counter())
     session.step()
     assert session.wait_for(lambda view: view.count == 2, WAIT)
-    for x in (0.1, 0.2, 0.3):  # one drag
+    for x in (0.1, 0.2, 0.3):  # the three moves are one drag
         session.place(1, (x, 0.5), gesture="a")
     assert session.wait_for(lambda view: view.state.positions[1][0] == 0.3, WAIT)
     assert session.view.count == 3 and session.view.state.step == 1

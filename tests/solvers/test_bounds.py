@@ -113,7 +113,7 @@ def test_the_limit_is_kept_to_a_step_or_trial_and_the_last_state_is_the_answer(m
 
 
 def test_a_limit_that_passes_before_there_are_positions_is_refused():
-    readings = itertools.count(0.0, 1.0)  # of a clock: the start looks at it more than twice
+    readings = itertools.count(0.0, 1.0)  # each reading of the clock is one second later
     with pytest.raises(InputError, match=r"2 s of processor time were used up before.*time_limit"):
         solve(inputs_of(diffuse(), time_limit=2.0), clock=lambda: next(readings))
 
@@ -132,7 +132,7 @@ def test_noise_alone_ends_in_time():
     assert bounds.radius(result.positions) <= bounds.max_radius(measurement.problem(), 12)
 
 
-# Deadlines: whatever the file says, a calibration ends at its limit plus a step, with the best positions so far.
+# A calibration ends one step after its time limit at the latest, and returns the best positions so far.
 
 COUNT, MODES = 12, 16
 
@@ -154,11 +154,11 @@ CASES = [("noise", "joint"), ("twins", "robust"), ("high", "robust"), ("noise", 
 
 @pytest.mark.parametrize(("kind", "solver"), CASES)
 def test_whatever_is_in_the_file_the_calibration_ends_at_its_limit(kind, solver):
-    readings = itertools.count(1.0)  # of a clock that advances by a second whenever it is read
+    readings = itertools.count(1.0)  # each reading of the clock is one second later
     settings = SolverSettings(name=solver, modes=2 if solver == "descent" else MODES, first_modes=2)
     inputs = replace(inputs_of(absurd(kind), time_limit=20.0), settings=settings)
     result = solve(inputs, clock=lambda: next(readings))
-    assert next(readings) == 23  # 22 is the first reading past the limit: nothing goes on after that
+    assert next(readings) == 23  # 22 is the first reading after the limit, and the clock is not read again
     assert result.verdict == "not_converged" and not result.converged and "20 s" in result.verdict_text
     assert np.isfinite(result.positions).all() and result.positions.shape == (COUNT, 2)
 

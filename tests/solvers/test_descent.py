@@ -14,7 +14,7 @@ from fdcal.cost.lattice import plane_lattice
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.solvers import descent as descent
 
-# Microphones on the points of a coarse lattice; the truth can be found exactly.
+# The microphones are on points of a coarse lattice, so that the true positions can be found exactly.
 SEARCH = Search((2.01, 1.71), (1.2, 1.2), 0.1, 0.8)
 GRID = np.array([(x, y) for x in range(13) for y in range(13)]) * 0.1 + [2.01, 1.71]
 TRUTH = GRID[np.random.default_rng(1).choice(len(GRID), 20, replace=False)]

@@ -31,7 +31,8 @@ def problem_of(truth, known, dimension=3):
     ).problem("unit")  # fmt: skip
 
 
-TRUTH = np.array(SEARCH.origin) + STEP * np.random.default_rng(1).integers(2, 19, (COUNT, 3))  # on the lattice
+# Every position is on the lattice.
+TRUTH = np.array(SEARCH.origin) + STEP * np.random.default_rng(1).integers(2, 19, (COUNT, 3))
 PROBLEM = problem_of(TRUTH, 26)
 
 

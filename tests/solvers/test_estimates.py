@@ -116,15 +116,13 @@ def test_a_local_search_reaches_a_third_of_the_shortest_wavelength(ended, direct
     assert moved and np.linalg.norm(found.positions[7] - state.positions[7]) < wavelength / 8
 
 
-# Laws of the noise that the likelihood solver assumes, and of what it accepts as the end of its search.
-
-
 def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_place_is_given():
     silent = np.isin(np.arange(COUNT), [1, 5])
     problem, away = measured(TRUTH, [0, 1, 2], snr_db=40, seed=2).problem(), TRUTH + 9.0 * silent[:, None]
     state = load("robust").init(problem, SolverSettings(name="robust", modes=MODES), 0, away)
     noisy = np.where(silent, 1e6, 1.0), np.zeros((COUNT, 2))
-    dead = np.ones(COUNT), np.where(silent[:, None], [-6.9, 0.0], 0.0)  # without noise, but 60 dB below the others
+    # These channels have no noise, but are 60 dB below the others.
+    dead = np.ones(COUNT), np.where(silent[:, None], [-6.9, 0.0], 0.0)
     for channel_noise, gains in (noisy, dead):
         model = replace(state.model, noise_fraction=1e-4, channel_noise=channel_noise)
         placed = with_silent_inside(problem, replace(state, positions=away, gains=gains, model=model))
@@ -133,7 +131,7 @@ def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_
         assert placed.model.channel_noise[5] >= 1e4, "all of its power is noise"
 
 
-# What follows a stage or a restart.
+# After each stage or restart, the solver decides what follows.
 
 
 @pytest.fixture(scope="module")

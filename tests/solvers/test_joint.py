@@ -26,7 +26,7 @@ KNOWN = [0, 1, 2]
 SETTINGS = SolverSettings(name="joint", modes=40)
 
 
-RUNS: dict[bytes, list] = {}  # of this process: some tests start from the same run
+RUNS: dict[bytes, list] = {}  # the runs of this process: some tests start from the same run
 
 
 def solve_anew(measurement, settings=SETTINGS):
@@ -123,7 +123,7 @@ def test_the_minimal_gauge_places_the_array_as_documented(name):
     assert in_minimal_gauge(states[0].positions) and in_minimal_gauge(states[-1].positions)
     assert np.linalg.norm(states[-1].positions[1] - TRUTH[1]) > 1e-6
     assert position_errors(states[-1].positions, TRUTH).max() < 2e-2
-    for state in states:  # the pressures do not hold the array as a whole, but it does not wander about either
+    for state in states:  # the pressures do not determine the place of the array, but it does not drift either
         assert np.linalg.norm(state.positions.mean(axis=0) - TRUTH.mean(axis=0)) < 0.5
 
 

@@ -129,9 +129,9 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
     assert set(free) & set(index[:, 4:].ravel()) == set(index[:, 4:][here.channels[:, 2:] != 0])
 
 
-# Arrival times of the direct sound in the likelihood: laws of the term alone, then of a calibration with it.
+# The likelihood uses the arrival times of the direct sound: first the term alone, then a calibration.
 
-DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, of the sources
+DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, from the array to each source
 
 
 def heard(positions, dimension, sigma=5e-3, scatter=1e-3, takes=5, seed=0):
@@ -174,7 +174,7 @@ def test_gradient_is_that_of_differences(axes, dimension, delayed):
     assert np.linalg.eigvalsh(found.matrix).min() > -1e-6 * np.linalg.eigvalsh(found.matrix).max()
 
 
-@pytest.mark.parametrize("seed", [9, 1])  # the farthest source is at the bound of its distance, or is not
+@pytest.mark.parametrize("seed", [9, 1])  # only one seed puts the farthest source at the bound of its distance
 def test_the_matrix_is_the_slope_of_the_gradient_where_residuals_are_small(seed):
     x, h = array(), 1e-5
     arrivals, steps = heard(x, 3, scatter=3e-4, seed=seed), h * np.eye(x.size).reshape(-1, *x.shape)

@@ -18,7 +18,7 @@ from fdcal.session.sources import measurement_input, with_settings
 from fdcal.solvers import load, with_mode_count
 from fdcal.solvers.requirements import highest_frequency, mode_count
 
-# Scenes that state their number of modes.
+# These scenes state their number of modes.
 PAPER = {"array1_circle", "array2_random", "array2_faults", "fig1_square", "tiny"}
 
 

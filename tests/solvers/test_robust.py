@@ -84,7 +84,7 @@ def test_an_array_of_three_wavelengths_is_found_with_a_noisy_and_an_inverted_cha
     assert abs(state.gains[7, 1]) == pytest.approx(np.pi, abs=0.1)
 
 
-# Delays and high-passes of all channels: they are found, and cost nothing where there are none.
+# The solver finds delays and high-passes of all channels, and is as accurate where there are none.
 
 
 FREE = np.setdiff1d(np.arange(COUNT), KNOWN)
@@ -124,7 +124,8 @@ def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_wit
     assert end.assessment.verdict == "good" and not end.faulty
     found, sigma = end.estimate.channels.filters, end.estimate.channels.filter_sigma
     error = found - np.column_stack([343.0 * delays, corners / CORNER_TO_HZ])
-    error = error - np.median(error, axis=0)  # a common delay belongs to the source, a common corner is hardly visible
+    # The source contains a common delay, and a common corner frequency is hardly visible.
+    error = error - np.median(error, axis=0)
     assert np.all(np.mean(np.abs(error) < 3 * sigma + [2e-4, 0.02], axis=0) > 0.9)
 
 
@@ -137,11 +138,11 @@ def test_a_narrow_band_does_not_take_a_phase_for_a_delay():
     assert errors[0] < 1.5 * errors[1] + 1e-3
 
 
-# A measured room: the array is found blind, to millimetres, and the verdict is good.
+# In a measured room the array is found blind, with errors of millimetres, and the verdict is good.
 
 
 def test_the_listening_lab_is_found_blind():
-    lab = load_scene("listening_lab")  # with half of its microphones in two thirds of its width
+    lab = load_scene("listening_lab")  # half of the microphones in two thirds of the width
     array = replace(lab.array, count=32, radius=0.3)
     sensing = replace(lab.measurement, resolution=12.0, highest=820.0)
     inputs = scene_input(replace(lab, array=array, measurement=sensing))
@@ -154,11 +155,11 @@ def test_the_listening_lab_is_found_blind():
     assert "modelled between the microphones" in summary(inputs, result)
 
 
-# A plane array in a room of three dimensions: the given positions carry its size, not the assumption on the field.
+# The given positions determine the size of a plane array in a room of three dimensions; the field model does not.
 
 
 ROOM = Room(size=(4.6, 3.8, 2.7), walls="rigid")
-SIDE, PLANE_MODES, PLANE_SNR = 5, 36, 40.0  # microphones, modes, dB
+SIDE, PLANE_MODES, PLANE_SNR = 5, 36, 40.0  # number of microphones per side, modes, dB
 CORNERS = np.array([0, SIDE - 1, SIDE * (SIDE - 1), SIDE**2 - 1])
 
 

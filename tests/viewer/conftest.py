@@ -46,7 +46,7 @@ def threads():
 def work(scene, measurement):
     """What a page shows, with a session that records its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
-    request = OpenRequest(scene, choices={"objective": True})  # the map of the double's own costs
+    request = OpenRequest(scene, choices={"objective": True})  # the map shows the costs of the double
     return prepare.PreparedRun(scene, measurement, problem, Solver(measurement), session, request)
 
 
@@ -63,7 +63,7 @@ def controls(server, work):
 @pytest.fixture
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
-    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would also pass the gate
+    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # make no fine maps, which would also pass the gate
     page = SimpleNamespace(server=server, panels=Panels(server.gui), nodes=SceneNodes(server), wake=Flag(), open=None)
     made = session_view.Viewer(page, work)
     yield made

@@ -124,7 +124,7 @@ class Solver:
 
     def landscape(self, problem, state, n, modes, search=None):
         search = self.search if search is None else search
-        if search.step == self.search.step:  # the lattice of the map; the finer one of its marks needs no gate
+        if search.step == self.search.step:  # the map uses this lattice; its marks use a finer one, which needs no gate
             assert self.gate.acquire(timeout=WAIT)
         cost = np.ones((modes.stop - modes.start, *search.shape[::-1]))
         cost[0, 0, round((self.search.origin[0] - search.origin[0] + n * self.search.step) / search.step)] = 0.5

@@ -73,7 +73,7 @@ OF_TINY = {"fig1_square": "tiny", '"1-57"': '"1-20"', "= 16": "= 9", '"22, 38"':
 def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(server, tiny_page, tmp_path):
     page, turn_until = tiny_page
     text = (folder_of("lessons") / "1_many_minima.toml").read_text(encoding="utf-8")
-    for old, new in OF_TINY.items():  # a scene that is simulated in no time
+    for old, new in OF_TINY.items():  # this scene takes hardly any time to simulate
         text = text.replace(old, new)
     (tmp_path / "1_many_minima.toml").write_text(text, encoding="utf-8")
     lesson = load_lesson(tmp_path / "1_many_minima.toml")
@@ -84,11 +84,12 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     turn_until(lambda: address_bar(page) == "lesson=1_many_minima&part=2")
     client = Client()
     page.nodes.cameras.requests.clear()
-    page.nodes.cameras.process_requests = lambda clients: None  # they stay to be read
+    # The requests stay in the queue, where the test reads them.
+    page.nodes.cameras.process_requests = lambda clients: None
     command(page, f"open=lesson=1_many_minima&part=3&view={CAMERA}", client)
     turn_until(lambda: page.switcher.idle and page.nodes.cameras.requests)
     assert page.nodes.cameras.requests[-1] == (client, camera_of(parse_address(f"view={CAMERA}"))), "after the lesson's"
-    for name in ("1", "1_m"):  # its number, and the beginning of its name
+    for name in ("1", "1_m"):  # its number, then the beginning of its name
         page.lessons.leave()
         command(page, f"open=lesson={name}", client)
         assert page.lessons.progress.lesson is lesson, client.notified
@@ -113,7 +114,7 @@ def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_
         assert len(client.notified) == 1 and "\n" not in client.notified[0], part
     assert "100%25" in client.notified[0] and "100%2525" not in client.notified[0], "decoded once"
     for value in ("many", "", " ", "x", "1 =", "1 none=1"):
-        page.panels.overlay.receive(SimpleNamespace(), value)  # a client that cannot receive a notification
+        page.panels.overlay.receive(SimpleNamespace(), value)  # this client cannot receive a notification
     assert page.viewer.binding.choices is before and page.switcher.idle
     command(page, "open=lesson=none_such")  # the film of the opening covers a notification
     turn_until(lambda: "there is no lesson &quot;none_such&quot;" in page.panels.overlay._regions["bar"].content)

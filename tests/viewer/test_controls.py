@@ -99,7 +99,7 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     assert [pace(now) for now in (40.0, 41.2)] == pytest.approx([25, 50]), "the next begins slowly, unless steps are"
 
 
-CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
+CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # viser uses these keys
 
 
 def test_no_key_moves_the_camera_and_help_lists_each_and_every_mark():
@@ -139,7 +139,7 @@ def test_a_key_does_what_its_button_does(tiny_page):
         before = getattr(binding.choices, name)
         press(key)
         assert getattr(binding.choices, name) is not before
-    page.viewer = None  # before there is a session
+    page.viewer = None  # the page has no session yet
     for key in KEYS:
         press(key)
 
@@ -178,13 +178,13 @@ def test_a_measured_array_or_room_has_less_to_edit_and_says_what_is_measured(ser
     for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
         assert words in array.message.content
     set_by_client(array.name, "tiny")
-    set_by_client(array.name, "frl_array")  # the one that is shown
+    set_by_client(array.name, "frl_array")  # the list shows this array
     assert [opening.scene.name for opening in opened] == ["tiny"] and array.name.value == "frl_array"
     room, opened = controls_of_scene(server, work, "listening_lab")
     assert not room.walls.visible and not room.absorption.visible and room.microphones.visible
     assert "response is measured" in room.message.content and "is modelled" in room.message.content
     set_by_client(room.snr, 30)
-    set_by_client(room.walls, "rigid")  # a client can set what is hidden
+    set_by_client(room.walls, "rigid")  # a client can set a hidden control
     set_by_client(room.apply, True)
     (changed,) = opened
     assert changed.scene.room == load_scene("listening_lab").room and changed.scene.measurement.snr_db == 30
@@ -198,7 +198,7 @@ def test_an_impossible_scene_is_refused_in_one_line_that_names_controls_of_the_p
         assert f"{radius:g} m is not possible; use 0.05 to 3 m" in panel.scene.message.content
         assert panel.scene.radius.value == radius, "no other number takes its place"
         set_by_client(panel.scene.apply, True)
-    set_by_client(panel.scene.radius, 2.5)  # larger than the room
+    set_by_client(panel.scene.radius, 2.5)  # this radius is larger than the room
     assert panel.scene.message.content == ""
     set_by_client(panel.scene.apply, True)
     message = panel.scene.message.content
@@ -242,7 +242,7 @@ def test_a_seed_without_effect_is_hidden(controls):
     solver = controls[0].solver
     assert not solver.seed.visible and not solver.start.visible, "robust has starts of its own"
     steps = [
-        (solver.name, "joint", (False, True)),  # from its affine start
+        (solver.name, "joint", (False, True)),  # this solver begins at its affine start
         (solver.start, "random", (True, True)),
         (solver.name, "robust", (False, False)),
         (solver.name, "descent", (True, True)),

@@ -67,7 +67,7 @@ def test_the_position_is_where_the_line_of_sight_meets_the_floor_inside_the_sear
     np.testing.assert_allclose(place[:2], [1.3, 2.2])
     picker.drag(event("start", 0, (50.0, -50.0, 0.0)))
     np.testing.assert_allclose(picker.placed[1][1][:2], [1.4, 2.0])
-    for phase in ("start", "end"):  # with Shift it goes where the pointer is
+    for phase in ("start", "end"):  # with Shift, the microphone goes to the pointer
         picker.shift(event(phase, 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
     assert len(picker.placed) == 2
     for index, place, *_ in picker.direct:
@@ -133,7 +133,7 @@ def test_a_known_microphone_stays(picker):
     assert not picker.placed
 
 
-MODE = 18  # of `tiny`, whose map has several minima
+MODE = 18  # the map of this mode of `tiny` has several minima
 
 
 @pytest.fixture
@@ -145,7 +145,7 @@ def opened(page_of, monkeypatch):
 def opened_with(page_of, monkeypatch, scene, **choices):
     """The page of a scene with the map of microphone 9."""
     monkeypatch.setattr(drop_module, "ROLL_TIME", 0.3)
-    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # so that no path is too late
+    monkeypatch.setattr(drop_module, "PATIENCE", WAIT)  # no path can be too late
     page, turn_until = page_of
     page.open(OpenRequest(scene, choices={"microphone": 9, "follow": False, "objective": False, **choices}))
     drawn = lambda: page.viewer is not None and page.viewer.snapshot.picture  # noqa: E731
@@ -236,11 +236,11 @@ def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
     page, turn_until = opened_with(page_of, monkeypatch, load_scene("ball3d"), modes=[9], kind="volume")
     viewer, session = page.viewer, page.viewer.run.session
     start = session.view.state.positions[9] + [0.1, -0.1, 0.0]
-    viewer.drop.move(9, start[:2], 1, False)  # the pointer gives no height
+    viewer.drop.move(9, start[:2], 1, False)  # the pointer does not change the height
     turn_until(lambda: any("dB" in text for text in labels(viewer)))
     costs = []
     viewer.drop.move(9, start[:2], 1, True)
-    begun, ticks = time.perf_counter(), itertools.count()  # ten ticks of the way, however slow the machine is
+    begun, ticks = time.perf_counter(), itertools.count()  # ten ticks cover the path on a machine of any speed
     rolls = lambda: page.tick(begun + 0.03 * next(ticks))  # noqa: E731
     wait_until(lambda: session.view.count == 2 or costs.append(said(page)), rolls)
     path = viewer.drop.worker.latest.result.path
@@ -331,7 +331,7 @@ def test_a_microphone_is_drawn_where_it_was_placed(coordinates, server, blind):
 def test_ellipses_turn_with_the_array(blind):
     frame, state = DisplayFrame(blind), blind.session.view.state
     axes = np.random.default_rng(1).normal(0, 1, (10, 2, 2))
-    ends = np.asarray(state.positions)[:, None] + 1e-6 * axes  # the same motion carries the ends of the half axes
+    ends = np.asarray(state.positions)[:, None] + 1e-6 * axes  # the rigid motion also carries the ends of the half axes
     moved, turned = frame.positions(state.positions), frame.axes(state.positions, axes)
     for n, end in ((3, 0), (7, 1)):
         before = position_errors(np.array(state.positions), np.tile(ends[n, end], (10, 1)))

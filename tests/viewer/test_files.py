@@ -122,7 +122,7 @@ def test_the_caption_counts_the_modes_in_use_that_the_map_leaves_out(snapshot, d
 
 
 def test_every_file_shows_the_state_of_the_page(snapshot, drawn, one_painter, monkeypatch):
-    monkeypatch.setattr(exports, "call", libraries.call)  # that of the tests, which starts no process
+    monkeypatch.setattr(exports, "call", libraries.call)  # the double starts no process
     state, measurement = snapshot.view.state, snapshot.run.measurement
     picture = compose(snapshot.run.scene, measurement, state.positions, MICROPHONE)
     shown = dataclasses.replace(snapshot, drawn=drawn, picture=picture)
@@ -168,7 +168,7 @@ def first(worker, state, fine, **changes):
 
 
 def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(run, threads, space):
-    worker = CostMapWorker(run, threads)  # of its own: one that has the fine volume already shows no coarse one
+    worker = CostMapWorker(run, threads)  # a new worker: one that has the fine volume shows no coarse one
     coarse, fine = (first(worker, space, fine) for fine in (False, True))
     assert fine.floor.rgb.shape > coarse.floor.rgb.shape
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)

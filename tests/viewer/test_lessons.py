@@ -138,7 +138,8 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons.answer(0)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
     session = page.viewer.binding.session
-    for running, finished in ((False, False), (True, False), (True, True), (False, True)):  # it has not begun at first
+    # The first state is that of a run that has not begun.
+    for running, finished in ((False, False), (True, False), (True, True), (False, True)):
         session.view = SimpleNamespace(state=state(finished=finished), history=[state()], running=running, error="")
         lessons.show()
         explained = finished and not running
@@ -281,13 +282,13 @@ def opened(page_of):
     session = page.viewer.binding.session
     set_oddly(page.viewer)
     assert session.wait_for(lambda view: view.state.last == 7, timeout=60)
-    session.pace(0)  # at once; the control stays
+    session.pace(0)  # the session steps at once; the control keeps its value
     session.step(9)
     assert session.wait_for(lambda view: view.state.step == 9 and not view.running, timeout=60)
     session.seek(session.view.index - 4)
     assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
     turn_until(lambda: page.viewer.tabs.run_bar.time.value == page.viewer.binding.session.view.index)
-    turn_until(lambda: "frequency 6" in page.viewer.tabs.spectrum.text.content)  # follows the map
+    turn_until(lambda: "frequency 6" in page.viewer.tabs.spectrum.text.content)  # the text follows the map
     return page, turn_until
 
 
@@ -305,7 +306,7 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "themed")}
     assert odd == replace(plain, dark=True, objective=False, **kept)
-    turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # so that it can be watched
+    turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # the lesson runs slowly enough to be watched
     page.viewer.binding.choose(minima=False)
     lessons.open("Mine")
     turn_until(lambda: page.viewer.binding.choices.minima)

@@ -26,7 +26,8 @@ def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_s
         assert f": {count} place" in words
     several = film["starts"][sum(count > 1 for count in counts)] / (film["starts"][-1] + film["roll"])
     assert 0.7 < several < 0.85
-    np.testing.assert_allclose(film["path"][-1], film["minima"][-1]["lowest"][0])  # the ball ends where it is found
+    # The ball ends at the minimum that was found.
+    np.testing.assert_allclose(film["path"][-1], film["minima"][-1]["lowest"][0])
     assert opening.MEASUREMENT.stat().st_size < 200_000 and opening.FILM.stat().st_size < 65_000
 
 
@@ -45,7 +46,7 @@ def test_the_method_minimises_the_maps_of_the_film_in_its_order(kernels):
     state = run.solver.step(run.problem, view.state)
     place = map_positions([np.unravel_index(own.argmin(), own.shape)], run.problem.search)[0]
     np.testing.assert_allclose(state.positions[n], place)
-    state = run.solver.step(run.problem, state)  # moves nothing
+    state = run.solver.step(run.problem, state)  # this step moves no microphone
     assert (state.first, state.last, state.stage) == (opening.MODE - 1, opening.MODE, 1)
     run.session.close()
 
@@ -69,14 +70,14 @@ LEVELS = """time => {  // share of the canvas that the relief covers, and the me
 @pytest.fixture
 def url(kernels, monkeypatch):
     """Address of a server of the opening that no browser has used yet."""
-    monkeypatch.setattr(map_worker, "IDLE_TIME", np.inf)  # no fine maps
+    monkeypatch.setattr(map_worker, "IDLE_TIME", np.inf)  # make no fine maps
     with serving_here() as address:
         yield address
 
 
 PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-REACH = 24  # pixels, within which a finger takes a microphone
-# Where the disc of a microphone stands on the screen, pixels.
+REACH = 24  # pixels: a finger takes a microphone within this distance
+# Return where the disc of a microphone is on the screen, in pixels.
 DISC = """number => {
     const mutable = window.__viserMutable, canvas = document.querySelector("canvas[data-engine]");
     const {left, top, width, height} = canvas.getBoundingClientRect();
@@ -89,7 +90,7 @@ DISC = """number => {
         return [left + (1 + x) / 2 * width, top + (1 - y) / 2 * height];
     }
 }"""
-# Whether a text of the scene that shows lies below the legend.
+# Return whether a visible text of the scene is below the legend.
 COVERED = """() => {
     const legend = document.querySelector("#fdcal [data-region=legend]").getBoundingClientRect();
     const texts = [...document.querySelectorAll("#fdcal-labels span")].filter(text => !text.style.visibility);
@@ -114,13 +115,13 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     summed.get_by_text("no. 92, 376 Hz").wait_for()
     assert page.locator("[data-do=microphone]").is_visible()
     slider.press("ArrowRight")
-    summed.get_by_text("91 to 92").wait_for()  # in the order of the film
+    summed.get_by_text("91 to 92").wait_for()  # modes are listed in the order of the film
     slider.press("ArrowLeft")
     page.wait_for_function("/modes=92(&|$)/.test(location.hash)")
     invitation = page.get_by_text(INVITATION)
     assert not invitation.is_visible(), "there was no film"
 
-    def invited():  # as the film does at its end; a late answer to the slider would remove the invitation
+    def invited():  # the film ends with the invitation; a late answer to the slider would remove it
         page.evaluate("document.documentElement.setAttribute('data-invited', '')")
         assert invitation.is_visible()
 
@@ -139,8 +140,8 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
         fingers = [at] if number < 5 else [at, other]
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": fingers})
         page.wait_for_timeout(100)
-    # It is as far from the finger as before, 17 by 12 pixels: its height on the relief depends on the moves, of
-    # which a slow browser omits some.
+    # The disc stays 17 by 12 pixels from the finger. The tolerance allows for its height on the relief, which depends
+    # on the moves; a slow browser omits some of them.
     disc = f"const [x, y] = ({DISC})({opening.MICROPHONE})"
     below = f"place => {{ {disc}; return Math.hypot(x - place.x, y - place.y) < 12; }}"
     page.wait_for_function(below, arg={axis: at[axis] - 0.5 * REACH for axis in "xy"})
@@ -153,7 +154,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
     page.get_by_role("button", name="Expert", exact=True).click()
     page.get_by_text("In use", exact=True).wait_for()
     page.wait_for_function(f"() => ({COVERED})().length == 0")
-    page.wait_for_function(f"() => ({EMPTY_BOXES})().length == 0")  # a folded section is a line with its name
+    page.wait_for_function(f"() => ({EMPTY_BOXES})().length == 0")  # a folded section is one line with its name
     width = PHONE["viewport"]["width"]
     widths = page.locator(".mantine-ScrollArea-viewport").evaluate_all("areas => areas.map(area => area.scrollWidth)")
     assert max(widths) == width and legend.bounding_box()["width"] <= width, "nothing is wider than the screen"
@@ -173,7 +174,7 @@ def opened(browser, url, **options):
 def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone(browser, url, capsys):
     first = opened(browser, url)
     assert " fit" in first.evaluate(WORDS), "before any message of the server"
-    first.wait_for_function(f"!{WORDS}.startsWith('One frequency')")  # it goes on by itself
+    first.wait_for_function(f"!{WORDS}.startsWith('One frequency')")  # the film continues without a click
     trigger(first.get_by_role("button", name="Skip"))
     first.locator("#fdcal [data-do=play]").wait_for()
     first.wait_for_function(LEFT)
@@ -197,7 +198,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
 
     trigger(first.get_by_role("button", name="3-D", exact=True))
     angle = "window.__viserMutable.cameraControl.polarAngle"
-    while first.evaluate(angle) < 1.4:  # a layout that has just changed may place the camera once more
+    while first.evaluate(angle) < 1.4:  # the page may place the camera again after a change of layout
         first.mouse.move(30, 200)
         first.mouse.down()
         first.mouse.move(30, -1200, steps=4)
@@ -211,8 +212,8 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     choose(first, "Show", "No map")
     first.wait_for_function("location.hash.includes('map=none')")
 
-    second.get_by_role("button", name="Your turn").press("t")  # any other key is one
-    second.locator(FILM_NODE).wait_for(state="detached")  # there is no map for which the film could wait
+    second.get_by_role("button", name="Your turn").press("t")  # any other key ends the film, too
+    second.locator(FILM_NODE).wait_for(state="detached")  # the film cannot wait for a map, because there is none
     second.wait_for_function("location.hash.includes('microphone=0')")
     assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
     second.close()

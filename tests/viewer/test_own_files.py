@@ -100,7 +100,7 @@ def test_names_stay_in_the_folder_and_neither_more_bytes_nor_other_roles_are_tak
     assert kept == {"evil.wav", "passwd", "x.wav", "__0_x_.wav", "hidden", "file"}
     assert folder.stat().st_mode & 0o077 == 0, "nobody else reads it"
     monkeypatch.setattr(module, "MAX_BYTES", 100)
-    own.part(b"0" * 50)  # more than was announced, and more than the page accepts
+    own.part(b"0" * 50)  # the part exceeds the announced size and the limit of the page
     wait_until(lambda: "files: use fdcal view FILE" in own.made.html())
     own.begin(RECORDING, "big.wav", 1000)
     own.part(b"0" * 90)

@@ -111,7 +111,7 @@ def test_the_legend_names_what_is_drawn(opened):
     set_by_client(viewer.tabs.view.trails, True)
     turn_until(lambda: "trail" in legend(viewer))
     viewer.tabs.map.choose_modes(range(1, 6))
-    viewer.tabs.map.show_as("shape")  # the field of the last mode takes the place of the map
+    viewer.tabs.map.show_as("shape")  # the field of the last mode replaces the map
     turn_until(lambda: (floor := viewer.snapshot.picture.floor) is not None and "of frequency 5" in floor.bar.label)
     assert viewer.snapshot.picture.floor.bar.colour_map == DIVERGING_COLOUR_MAP
     turn_until(lambda: "highest in the map: frequency 5" in viewer.tabs.spectrum.text.content)
@@ -150,9 +150,10 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
     sweep, state = viewer.tabs.sweep, viewer.binding.session.view.state
     assert sweep.worker.latest is None and not sweep.worker.busy and not sweep._plot.folder.visible
     assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
-    turn_until(lambda: sweep.summed.value == state.last)  # if nobody has chosen modes, those of the solver are shown
+    # The page shows the solver's modes until the user chooses others.
+    turn_until(lambda: sweep.summed.value == state.last)
     set_by_client(sweep.play, True)
-    turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
+    turn_until(lambda: viewer.binding.choices.modes == (1,))  # Play begins with the first mode
     turn_until(lambda: sweep.play.label == "Stop")
     set_by_client(sweep.play, True)
     turn_until(lambda: sweep.play.label == "Add frequencies one by one" and len(viewer.binding.choices.modes) < 9)
@@ -161,7 +162,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
     sweep, slow = viewer.tabs.sweep, sweeping.cost_map
-    for _ in range(2):  # Play, and pause: the maps are made
+    for _ in range(2):  # the first press plays, the second one pauses; the maps are ready
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 frequencies" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)

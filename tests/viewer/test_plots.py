@@ -94,7 +94,8 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     np.testing.assert_allclose(x[inside > low], [measurement.frequencies[1]])
     np.testing.assert_allclose(x[outside > low], measurement.frequencies[[0, 2, 3, 4, 5]])
     dotted = (inside > low) | (outside > low)
-    np.testing.assert_allclose(np.maximum(inside, outside)[dotted], curve[dotted])  # on the curve, and in sight
+    # The visible points are on the curve.
+    np.testing.assert_allclose(np.maximum(inside, outside)[dotted], curve[dotted])
     assert (curve[dotted] < high).all()
     f_max = round(array_f_max(work.session.view.state.positions, work.problem.sound_speed, work.problem.dimension))
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
@@ -102,7 +103,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     assert "beyond" not in tab.text.content
     map_.choose_modes([1, 6])
-    spread = State(10 * work.measurement.positions)  # which resolves lower frequencies only
+    spread = State(10 * work.measurement.positions)  # a larger array resolves lower frequencies only
     tab.show(PageState(view_of([spread])))
     assert "beyond" in tab.text.content and "300.0 Hz" in tab.text.content
     server.gui.reset()
@@ -115,13 +116,13 @@ def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monk
     plot = plots.Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")
     for count, top, elapsed, seen in (
         (1, 9.0, 1.0, (1, 9.0)),
-        (2, 7.0, 0.0, (2, 9.0)),  # first the data
-        (3, 6.0, 0.0, (2, 9.0)),  # a solver runs
-        (4, 6.0, plots.APART, (2, 6.0)),  # then the axes alone, the newest
+        (2, 7.0, 0.0, (2, 9.0)),  # the data come first
+        (3, 6.0, 0.0, (2, 9.0)),  # a solver runs: nothing is sent yet
+        (4, 6.0, plots.APART, (2, 6.0)),  # the newest axes are sent alone
         (4, 6.0, 0.0, (2, 6.0)),
-        (4, 6.0, plots.APART, (4, 6.0)),  # and then the data that have come meanwhile
-        (4, 5.0, 0.0, (4, 5.0)),  # of the same extent: at once
-        (5, 5.0, 0.0, (5, 5.0)),  # with the same axes: at once
+        (4, 6.0, plots.APART, (4, 6.0)),  # the data that have arrived meanwhile follow
+        (4, 5.0, 0.0, (4, 5.0)),  # the data have the same extent: the axes are sent at once
+        (5, 5.0, 0.0, (5, 5.0)),  # the axes are the same: the data are sent at once
     ):
         clock[0] += elapsed
         plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), (0.0, top))

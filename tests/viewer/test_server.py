@@ -63,7 +63,7 @@ def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it
         async with asyncio.timeout(5):
             return await anext(buffer.window_generator(0))
 
-    with ThreadPoolExecutor(1) as own:  # where a browser was, its driver occupies this thread's event loop
+    with ThreadPoolExecutor(1) as own:  # Playwright's driver runs an event loop in the thread of the test
         for atomic in (False, True):
             assert len(own.submit(asyncio.run, first_window(atomic)).result(WAIT)) == 1
 
@@ -91,8 +91,8 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
     [
         ("localhost:{port}", "http://localhost:{port}", 101),
         ("127.0.0.1:{port}", "http://127.0.0.1:{port}", 101),
-        ("LocalHost:9000", "http://localhost:9000", 101),  # a forwarded port
-        ("localhost:{port}", "http://localhost:8888", 403),  # another program of this machine serves that page
+        ("LocalHost:9000", "http://localhost:9000", 101),  # the port is forwarded
+        ("localhost:{port}", "http://localhost:8888", 403),  # another program of this machine serves the page
         ("localhost:{port}", "http://localhost", 403),
         ("127.0.0.1:{port}", "http://localhost:{port}", 403),
         ("localhost:{port}", "null", 403),
@@ -124,7 +124,7 @@ def fetched(server, **headers):
 
 @pytest.mark.parametrize("encoding", ["gzip", "identity"])
 def test_the_page_has_the_programs_name_before_it_has_loaded(server, encoding):
-    for _ in range(2):  # the second time it is kept
+    for _ in range(2):  # the second call finds the kept page
         page = fetched(server, **{"Accept-Encoding": encoding})
         assert re.findall(rb"<title>(.*?)</title>", page) == [b"fdcal"]
         assert page.count(b"<script") >= 1 and page.rstrip().endswith(b"</html>")
@@ -286,7 +286,7 @@ def finish_message(server, control, updates):
     finish(server._websock_server._handle_incoming_message(0, message))
 
 
-# -- too much ----------------------------------------------------------------------------------------------------------
+# -- too large or too many -------------------------------------------------------------------------------------------
 
 
 def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch, caplog):
@@ -325,7 +325,7 @@ def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
     with deaf(server):
         wait_until(lambda: connected.keys() - before)
         for _ in range(round(WAIT / 0.05)):
-            text.content = secrets.token_hex(500_000)  # hardly compressible
+            text.content = secrets.token_hex(500_000)  # random text can hardly be compressed
             if not connected.keys() - before:
                 break
             time.sleep(0.05)
@@ -333,7 +333,7 @@ def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
     server.gui.reset()
 
 
-# -- what is printed ---------------------------------------------------------------------------------------------------
+# -- the server's output ---------------------------------------------------------------------------------------------
 
 
 def test_nothing_is_printed_on_the_event_loop_and_ctrl_c_ends_the_program(tmp_path):
@@ -345,7 +345,7 @@ def test_nothing_is_printed_on_the_event_loop_and_ctrl_c_ends_the_program(tmp_pa
         try:
             url = served.stdout.readline().strip()
             port = int(url.rpartition(":")[2])
-            socket.create_connection(("127.0.0.1", port), WAIT).close()  # before the first page
+            socket.create_connection(("127.0.0.1", port), WAIT).close()  # no page is connected yet
             for _ in range(18):
                 with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
                     client.recv(timeout=WAIT)

@@ -39,15 +39,15 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(p
     camera = client.camera
     placed.place(client, "top")
     old_opening, aim = camera.fov, camera.look_at
-    camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # turned by 17 degrees about the vertical
+    camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # the view turns by 17 degrees about the vertical
     placed.follow(client)
     assert camera.look_at == aim
     placed.place(client, "3d")
     ordered = SimpleNamespace(**vars(camera))
     for name, other in (
-        ("look_at", (*ordered.position[:2], 0.0)),  # as from the top
+        ("look_at", (*ordered.position[:2], 0.0)),  # the plan view has this direction
         ("fov", old_opening),
-        ("near", 7 * camera.near),  # what is nearer would not be drawn
+        ("near", 7 * camera.near),  # the renderer would not draw nearer objects
     ):
         setattr(camera, name, other)
         placed.follow(client)
@@ -58,7 +58,7 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(p
 
 
 def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measurement):
-    fresh = hardening.open_server("127.0.0.1", 0)  # viser chooses where its cameras start
+    fresh = hardening.open_server("127.0.0.1", 0)  # viser chooses the initial camera
     try:
         start = tuple(fresh.initial_camera.position)
         placed = cameras.Cameras(fresh)
@@ -75,7 +75,8 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measuremen
         camera.position, camera.image_width = moved, 900
         placed.follow(client)
         assert camera.position == moved
-        for reported in (near, fresh.initial_camera.position, start):  # on a slow machine our command comes before
+        # On a slow machine our command arrives before the report of the page.
+        for reported in (near, fresh.initial_camera.position, start):
             camera.position = reported
             placed.follow(client)
             assert camera.position == pytest.approx(near), "right for this size, and nobody has moved it"
@@ -112,7 +113,7 @@ class SentScene:
     add_line_segments = add_image = add_mesh_simple = add_mesh_trimesh = add
 
     def __getattr__(self, name):
-        return lambda *_, **__: None  # lights
+        return lambda *_, **__: None  # the lights of the scene are ignored
 
 
 def test_only_what_has_changed_is_sent_and_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
@@ -125,7 +126,7 @@ def test_only_what_has_changed_is_sent_and_what_the_next_picture_lacks_is_remove
     nodes.show(with_estimate(static, measurement, measurement.positions.copy(), 4))
     assert made.sent == []
     nodes.show(with_estimate(static, measurement, measurement.positions + 0.01))
-    moved = {"microphones/estimate", "microphones/error"}  # known ones keep their squares
+    moved = {"microphones/estimate", "microphones/error"}  # the squares of the known microphones stay
     assert {name.removesuffix("_halo") for name in made.sent} == moved
     nodes.show(static)
     assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
@@ -212,7 +213,7 @@ def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, s
         placed.picture = compose(scene, measurement, floor=floor)
         placed.follow(client)
         assert (camera.position != before) == follows
-        camera.position = after = tuple(1.5 * x for x in camera.position)  # the user's
+        camera.position = after = tuple(1.5 * x for x in camera.position)  # the user moves the camera
         placed.picture = compose(scene, measurement)
         placed.follow(client)
         assert camera.position == after

@@ -164,7 +164,7 @@ def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
 
 
 def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(page_of, scene, monkeypatch):
-    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.1)  # s, of the speed of a run: nobody watches it
+    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.1)  # s: no user watches this run, so that it may be fast
     page, turn_until = page_of
     page.open(OpenRequest(edited(scene, {"solver.name": "joint"}), play=True))
     turn_until(lambda: page.viewer is not None and page.viewer.found is not None)
@@ -178,6 +178,7 @@ def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(p
 
 def test_the_errors_over_the_distance_of_a_single_microphone_are_not_drawn(measurement):
     nine = measurement.positions[:9]
-    one_sought = replace(measurement, known=np.arange(9), known_positions=nine)  # as in the opening
+    # One microphone is unknown, as in the opening.
+    one_sought = replace(measurement, known=np.arange(9), known_positions=nine)
     for measured, means in ((one_sought, 0), (measurement, 2)):
         assert lesson_panel("distance", measured, [State(measured.positions)], None).count("half ") == means

@@ -16,11 +16,11 @@ from fdcal.viewer import cost_maps, panels
 @pytest.fixture(scope="package")
 def served(kernels):
     """Address of a server of `tiny` with visible steps of descent, and functions that stop and start it."""
-    quick = {"solver.name": "descent", "solver.modes": 6}  # a run takes a quarter of the steps that 20 modes take
+    quick = {"solver.name": "descent", "solver.modes": 6}  # a run takes a quarter of the steps that 20 modes need
     scene, lessons = edited(load_scene("tiny"), quick), [load_lesson("3_too_many_too_soon")]
     with contextlib.ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps
-        patch.setattr(panels, "DOUBLING_TIME", 0.02)  # s, of the speed of a run: nobody watches it
+        patch.setattr(cost_maps, "IDLE_TIME", np.inf)  # make no fine maps
+        patch.setattr(panels, "DOUBLING_TIME", 0.02)  # s: no user watches this run, so that it may be fast
         url = stack.enter_context(serving_here(scene, lessons=lessons))
 
         def start():
@@ -49,7 +49,7 @@ def opened(shared):
             button.click()
             button.wait_for(state="hidden")
 
-    def as_wanted():  # requested again if a late answer to an earlier action has changed it
+    def as_wanted():  # a late answer to an earlier action may have changed the value: request it again
         shared.evaluate("location.hash = 'scene=tiny&microphone=9&modes=solver&map=flat&layout=expert'")
         shared.wait_for_timeout(100)
         assert shared.get_by_role("button", name="Restart", exact=True).is_visible()

@@ -17,16 +17,16 @@ from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 from fdcal.viewer.server.hardening import STYLE
 
 DESKTOP, LARGE, PHONE = (1280, 720), (1440, 900), (390, 844)
-# Where a caption begins and where its buttons do, and from where to where each answer reaches, pixels.
+# Return where a caption and its buttons begin, and the left and right ends of each answer, in pixels.
 ANSWERS = """() => {
     const [caption, steps, ...answers] = ["", " .steps", " .choices button"].flatMap(part =>
         [...document.querySelectorAll(`#fdcal [data-region=caption]${part}`)].map(e => e.getBoundingClientRect()));
     return [caption.top, steps.top, ...answers.map(one => [one.top, one.bottom])];
 }"""
 LESSON = "3_too_many_too_soon"
-CONTRAST = 4.5  # least contrast of a text and its background (WCAG 2.2, 1.4.3)
+CONTRAST = 4.5  # minimum contrast of a text with its background (WCAG 2.2, 1.4.3)
 
-# The lowest contrast of all texts that are seen, and that text.
+# Return the lowest contrast of all visible texts, and that text.
 LOWEST_CONTRAST = """() => {
     const parse = text => { const c = text.match(/[\\d.]+/g).map(Number); return c.length > 3 ? c : [...c, 1]; };
     const over = (top, below) => [0, 1, 2].map(i => top[i] * top[3] + below[i] * (1 - top[3])).concat(1);
@@ -59,12 +59,12 @@ SIZES = """() => [...document.querySelectorAll("#root *, #fdcal *, #fdcal-labels
     && [...node.childNodes].some(n => n.nodeType == 3 && n.data.trim())).map(node => getComputedStyle(node).fontSize)"""
 
 
-# How many texts of the bar are cut.
+# Return how many texts of the bar are cut.
 CUT = """[...document.querySelectorAll("[data-region=bar] :is(b, small, button, label, output)")].filter(node =>
     node.checkVisibility({visibilityProperty: true}) && node.scrollWidth > node.clientWidth).length"""
 
 
-# Names of controls that contain a word wider than the available space.
+# Return the names of controls that contain a word wider than the available space.
 CUT_NAMES = """() => [...document.querySelectorAll("#root label")].filter(label => label.offsetWidth).filter(label => {
     const pen = document.createElement("canvas").getContext("2d"), room = label.parentElement.clientWidth;
     pen.font = getComputedStyle(label).font;
@@ -115,11 +115,11 @@ def legend_of(expert):
     return expert.locator(".fdcal-legend")
 
 
-TYPE = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # of type
+TYPE = f"<style>{STYLE.read_text(encoding='utf-8')}</style>"  # the style sheet sets the type
 
 
 def test_long_words_leave_the_controls_where_they_are_and_can_be_scrolled(browser):
-    narrow = browser.new_page(viewport={"width": 340, "height": 720})  # as narrow as a panel
+    narrow = browser.new_page(viewport={"width": 340, "height": 720})  # the page is as narrow as a panel
     words = "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20
     mismatch = assessment("model_mismatch", words, evidence=Evidence(1.0, leave_one_out_db=-9.0))
     heights, hidden = [], []
@@ -173,7 +173,7 @@ def answers_in_sight(page, step):
 
 
 def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(page, monkeypatch):
-    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.2)  # s, so that a slow browser sees that it runs
+    monkeypatch.setattr(panels, "DOUBLING_TIME", 0.2)  # s: a slow browser can see that the solver runs
     page.faults.clear()
     page.get_by_role("tab", name="Map").wait_for(state="hidden")
     fills_the_window(page)
@@ -184,7 +184,7 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     alone.click()
     page.locator("[data-do=alone][aria-pressed=true]").wait_for()
     page.locator("[data-do=modes]").press("PageUp")
-    page.wait_for_function("/modes=([2-9]|\\d\\d)&/.test(location.hash)")  # another one alone
+    page.wait_for_function("/modes=([2-9]|\\d\\d)&/.test(location.hash)")  # the map shows another single mode
     mode = page.locator("[data-do=modes] + output").inner_text().partition(",")[0].removeprefix("no. ")
     alone.click()
     page.locator("[data-do=modes] + output", has_text=f"1 to {mode}").wait_for()
@@ -198,15 +198,17 @@ def test_everything_in_explore_works_and_expert_has_the_panels_and_can_be_left(p
     page.get_by_text("misfit (dB)").wait_for()
     step = page.locator("[data-do='step=Step']")
     said = re.fullmatch(r"Move microphone (\d+) to its lowest point", step.inner_text())
-    step.click()  # it moves the named microphone, draws the move, and names the next one
+    step.click()  # the step moves the named microphone, draws the move and names the next one
     page.get_by_text("moves by").wait_for()
-    page.wait_for_function("!/modes=[\\d]|microphone/.test(location.hash)")  # the map is that of what is minimised
+    # The map shows the cost that the solver minimises.
+    page.wait_for_function("!/modes=[\\d]|microphone/.test(location.hash)")
     page.wait_for_function(f"!document.querySelector(\"[data-do='step=Step']\").innerText.includes('{said[1]} ')")
     page.locator("[data-do=play]").click()
     page.locator("[data-do=play]", has_text="Pause").wait_for()
     page.get_by_text(re.compile("Converged, .* off on average")).wait_for()
     uncut(page)
-    page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")  # cost along the run
+    # The plot shows the cost of the run.
+    page.wait_for_function("document.querySelector('.run path').getAttribute('d').length > 20")
     page.locator("[data-do='step=Step']:disabled").wait_for()
     page.locator("[data-do=state]").press("Home")
     page.get_by_text(re.compile("Start of a new run, .* off on average")).wait_for()
@@ -263,7 +265,7 @@ def test_a_lesson_is_a_caption_in_both_layouts_and_on_a_phone_and_what_was_befor
     page.locator("[data-local=upload]").wait_for(state="hidden")
     page.keyboard.press("Escape")
     uncut(page)
-    page.keyboard.press("h")  # which ends the lecture mode, too
+    page.keyboard.press("h")  # the key also ends the lecture mode
     page.get_by_role("button", name="End lecture mode").wait_for(state="hidden")
     sized(page, PHONE)
     fills_the_window(page)
@@ -278,7 +280,7 @@ def test_a_lesson_is_a_caption_in_both_layouts_and_on_a_phone_and_what_was_befor
     press(page, step.choices[0])
     caption.get_by_text("Not quite.").wait_for()
     page.wait_for_function("[...document.querySelectorAll('[data-region=caption], .text')].every(e => !e.scrollTop)")
-    page.keyboard.press("j")  # nothing on the page takes it as a letter
+    page.keyboard.press("j")  # no text field of the page takes the letter
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     page.keyboard.press("Shift+J")
     page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
@@ -289,7 +291,7 @@ def test_a_lesson_is_a_caption_in_both_layouts_and_on_a_phone_and_what_was_befor
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     end = page.get_by_role("button", name="End lesson", exact=True).element_handle()
     press(page, "Restore settings")
-    end.click()  # the answers above it are replaced meanwhile, but the button is not
+    end.click()  # the page replaces the answers above the button, but not the button
     caption.wait_for(state="hidden")
     page.locator("[data-do=state][max='1']").wait_for()
     page.wait_for_function("location.hash.includes('microphone=0')")

@@ -50,9 +50,9 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
     press(page, "Step")
     other.get_by_text("step 1, sweep 0").wait_for()
     press(other, "Sweep")
-    page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
+    page.get_by_text("step 13, sweep 1").wait_for()  # 3 of the 16 microphones are known
 
-    page.goto("about:blank")  # away, while another browser goes on
+    page.goto("about:blank")  # this page leaves while another browser continues
     other.evaluate("location.hash = 'microphone=3&map=none&layout=expert'")
     other.wait_for_function("location.hash.includes('microphone=3')")
     page.go_back()
@@ -72,7 +72,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.wait_for_function("location.hash.includes('microphone=8')")
     served.stop()
     page.get_by_text("The connection is lost").wait_for()
-    page.wait_for_timeout(3000)  # in which viser alone would make Chromium delay its attempts
+    page.wait_for_timeout(3000)  # viser alone would make Chromium delay its attempts for this time
     served.start()
     page.get_by_text("The connection was lost and is restored").wait_for()
     page.wait_for_function("location.hash.includes('microphone=8')")
@@ -89,7 +89,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     page.wait_for_function("location.hash.includes('microphone=7')")
     tab(page, "Map")
     handle = slider(page, "Microphone")
-    until(page, lambda: of_microphone(page, 7))  # its value changes after the address
+    until(page, lambda: of_microphone(page, 7))  # the control changes after the address
     handle.focus()
     place = "window.__viserMutable.camera.position.toArray().join()"
     before = page.evaluate(place)
@@ -112,7 +112,8 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
 
 def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
-    (pixel,) = on_screen(page, scene, [[*cached_measurement(scene).positions[5], 0.0]])  # known: it is at its place
+    # A known microphone is at its true position.
+    (pixel,) = on_screen(page, scene, [[*cached_measurement(scene).positions[5], 0.0]])
     hover(page, pixel)
     page.mouse.click(*pixel)
     page.get_by_text("microphone 5, ").first.wait_for()
@@ -121,7 +122,7 @@ def test_a_microphone_is_picked_by_a_click(page, scene):
 
 TICKS = "window.__viserMutable?.nodeRefFromName?.['/frame_ticks']?.visible"
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
-# Number of meshes below a name that a picture shows; a frame of the name stays when they have gone.
+# Return how many meshes the scene shows below a name; the frame of the name stays when they are removed.
 SHOWN = """name => {
     let count = 0;
     window.__viserMutable.nodeRefFromName[name]?.traverseVisible(part => { count += Boolean(part.isMesh); });
@@ -140,14 +141,15 @@ def ball(page):
     page.wait_for_function("location.hash.includes('scene=ball3d')")
     press(page, "Expert")
     page.get_by_text("fdcal · ball3d").wait_for()
-    page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&layout=expert'")  # whose volume is made at once
+    page.evaluate("location.hash = 'microphone=9&modes=1-3&map=flat&layout=expert'")  # this volume is computed at once
     page.wait_for_function("/microphone=9&modes=1-3/.test(location.hash)")
     tab(page, "Map")
     return page
 
 
 def test_isosurfaces_over_a_map_and_a_relief_stand_in_the_scene_and_follow_the_controls(ball):
-    ball.wait_for_function(f"{TICKS} === false")  # of the heights, which coincide from the top
+    # The heights have no ticks in the plan view, where they would coincide.
+    ball.wait_for_function(f"{TICKS} === false")
     choose(ball, "Show", "Isosurfaces (3-D)")
     ball.wait_for_function(f"name => ({SHOWN})(name) == 1", arg="/isosurfaces")
     tab(ball, "View")
