@@ -236,6 +236,6 @@ def test_exchanged_given_positions_are_named_with_their_partner(healthy):
 
 
 def test_a_scene_without_noise_has_no_faulty_channel():
-    # A model of few microphones leaves a part of the field at -45 dB unexplained, and takes it for the noise of one channel.
+    # A model of few microphones leaves 45 dB below the signal unexplained, which becomes the noise of one channel.
     found = fdcal.calibrate(fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=18)), known="none")
     assert [one.name for one in found.channels.faults] == []

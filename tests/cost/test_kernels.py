@@ -63,9 +63,6 @@ def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
     np.testing.assert_allclose(some, found[1:], rtol=1e-12)
 
 
-# Sums and factorisations of many modes at once equal those of one mode after another.
-
-
 # Plane waves over an array have these sums and slopes, and so many of them are needed.
 
 
