@@ -416,7 +416,7 @@ def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_predict
 def test_every_solver_finds_a_healthy_array_good(healthy, solver):
     found = solving.solved(healthy, solver).assessment
     assert found.verdict == "good" and found.message.startswith("no check contradicts the positions found")
-    assert found.channels.faults == () and "inaccurate" not in found.message
+    assert found.channels.faults == () and "inaccurate" not in found.message and "noise" not in found.message
     assert 0.5 < found.evidence.residual_to_noise < 2
     assert not found.positions.flags.writeable
     assert np.all((found.uncertainty > 0) == ~np.isin(np.arange(len(found.positions)), KNOWN)) or solver == "robust"
@@ -425,16 +425,6 @@ def test_every_solver_finds_a_healthy_array_good(healthy, solver):
         same = assess(at(healthy, found.positions))
         assert same.verdict == "good", "whoever reports these positions"
         np.testing.assert_allclose(same.uncertainty, found.uncertainty, rtol=0.1)
-
-
-@pytest.mark.parametrize(("known", "snr_db"), [(CORNERS, np.inf), ([], 30)])
-def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
-    seed = int(10 * len(known) + min(snr_db, 50))
-    measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))
-    found = assess(at(measurement))
-    assert found.verdict == "good", found.message
-    assert "noise" not in found.message, "a residual beside a good verdict says nothing"
-    assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
 
 
 @pytest.mark.parametrize("known", [[], CORNERS])

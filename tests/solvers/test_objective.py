@@ -13,7 +13,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import robust as solver
 from fdcal.solvers.robust.arrivals import Arrivals, arrivals_of, updated_sigma
-from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns, objective_of, unknowns_of, used_modes
+from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns
 
 COUNT, MODES = 7, 9
 KNOWN = np.array([0, 2, 5])
@@ -264,14 +264,6 @@ def test_wrong_times_change_nothing():
     wrong = replace(right, arrivals=rng.uniform(0, 8e-3, right.arrivals.shape))
     plain, found = (solved(one).estimate.positions for one in (without(right), wrong))
     assert rms_of_shape(found, plain) < 0.2 * rms_of_shape(plain, right.positions)
-
-
-def test_the_sources_of_a_step_are_sought_from_those_of_the_step_before(four):
-    problem = four.problem("unit", "none")
-    state = solver.init(problem, SolverSettings(modes=len(four.frequencies)), 0, four.positions)
-    objective = objective_of(problem, state, used_modes(problem, state))
-    source = objective.evaluate(unknowns_of(state), False).source
-    assert objective.arrivals.start is None and objective.with_start(source).arrivals.start is source
 
 
 def test_a_step_of_the_solver_starts_from_the_last_sources(four, monkeypatch):
