@@ -153,7 +153,6 @@ def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
     problem, settings = measured(TRUTH, KNOWN).problem(), replace(SETTINGS, start="random")
     one, again, other = (joint.init(problem, settings, seed) for seed in (0, 0, 1))
     assert same(one, again) and not np.array_equal(one.positions, other.positions)
-    assert np.array_equal(one.positions[KNOWN], TRUTH[KNOWN])
     assert same(*(joint.init(problem, SETTINGS, seed) for seed in (0, 1)), but=("seed",))
 
 

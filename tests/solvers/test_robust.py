@@ -88,7 +88,6 @@ def test_an_array_of_three_wavelengths_is_found_with_a_noisy_and_an_inverted_cha
 
 
 FREE = np.setdiff1d(np.arange(COUNT), KNOWN)
-CORNER_TO_HZ = 343.0 / (2 * np.pi)
 
 
 def filtered(delays: Any = 0.0, corners=None, lowest=0, count=MODES) -> Measurement:
@@ -123,7 +122,7 @@ def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_wit
     assert rms(end.assessment.positions, truth, FREE) < 1.5 * rms(matched.assessment.positions, truth, FREE) + 5e-4
     assert end.assessment.verdict == "good" and not end.faulty
     found, sigma = end.estimate.channels.filters, end.estimate.channels.filter_sigma
-    error = found - np.column_stack([343.0 * delays, corners / CORNER_TO_HZ])
+    error = found - np.column_stack([343.0 * delays, 2 * np.pi * corners / 343.0])
     # The source contains a common delay, and a common corner frequency is hardly visible.
     error = error - np.median(error, axis=0)
     assert np.all(np.mean(np.abs(error) < 3 * sigma + [2e-4, 0.02], axis=0) > 0.9)
