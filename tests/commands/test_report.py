@@ -69,10 +69,8 @@ def test_distances_without_the_wrong_rows_are_explained_where_they_differ_from_t
     assert check.fits and (TWO_MOTIONS in comparison_text(moved, result, check, None)) == (away > 0)
 
 
-def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints():
-    measurement = fdcal.load("tiny")
-    found = fdcal.calibrate(measurement, modes=12)
+def test_the_title_of_a_snapshot_has_the_errors_that_calibrate_prints(inputs, found):
     sought = [name not in found.known for name in found.names]
     assert found.mean_error == pytest.approx(found.errors[sought].mean()) != found.errors.mean()
     words = f"error: mean {length_text(found.mean_error)}, largest {length_text(found.max_error)}"
-    assert error_title(measurement, found) == words
+    assert error_title(inputs.measurement, found) == words

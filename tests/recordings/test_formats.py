@@ -142,9 +142,6 @@ def write_sofa(path: Path) -> Path:
     return written(path, "SingleRoomSRIR")
 
 
-CONTAINERS = ("w64", "rf64", "aiff", "au", "caf")
-
-
 OTHER_SUFFIXES = {".bwf": "WAV", ".aifc": "AIFF", ".snd": "AU", ".sph": "NIST", ".WAV": "WAV"}
 
 
@@ -157,7 +154,7 @@ def write_container(path: Path, samples=SAMPLES) -> Path:
 WRITERS = {
     "a.wav": write_wav,
     "a.flac": write_wav,
-    **{f"a.{suffix}": write_container for suffix in CONTAINERS},
+    **{f"a.{suffix}": write_container for suffix in ("w64", "rf64", "aiff", "au", "caf")},
     **{f"a{suffix}": write_container for suffix in OTHER_SUFFIXES},
     "a.h5": write_hdf5,
     "a.npz": write_npz,

@@ -28,15 +28,14 @@ def placed(server, scene, measurement) -> cameras.Cameras:
 
 
 def browser(width, height=900):
-    """A browser whose canvas has a size, pixels."""
+    """A browser whose canvas has a size, pixels, and its camera."""
     camera = SimpleNamespace(image_width=width, image_height=height)
-    return SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    return SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), camera
 
 
 def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(placed):
     """A page may report its camera between two of our commands, and viser then believes the report."""
-    client = browser(900)
-    camera = client.camera
+    client, camera = browser(900)
     placed.place(client, "top")
     old_opening, aim = camera.fov, camera.look_at
     camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # the view turns by 17 degrees about the vertical
@@ -64,8 +63,7 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measuremen
         placed = cameras.Cameras(fresh)
         placed.picture = compose(scene, measurement)
         placed.set_initial(placed.picture)
-        client = browser(900)
-        camera = client.camera
+        client, camera = browser(900)
         placed.place(client, "top")
         near = camera.position
         camera.image_width = 450
@@ -188,8 +186,7 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     )  # fmt: skip
     placed = cameras.Cameras(server)
     placed.picture = picture = compose(scene, measurement)
-    client = browser(*size)
-    camera = client.camera
+    client, camera = browser(*size)
     placed.place(client, view)
     there = Camera(camera.position, camera.look_at, camera.up_direction, camera.fov, 1.0)
     x0, y0, x1, y1 = picture.focus
@@ -203,8 +200,7 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
 
 
 def test_a_view_from_the_side_makes_room_for_a_relief_that_comes_later(placed, scene, measurement):
-    client = browser(900, 700)
-    camera = client.camera
+    client, camera = browser(900, 700)
     floor = cost_floor(np.random.default_rng(1).uniform(1, 2, (20, 20)), scene.search, relief=True)
     for view, follows in (("top", False), ("close", True)):
         placed.picture = compose(scene, measurement)
