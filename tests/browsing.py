@@ -30,7 +30,7 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
-# Software draws the frames of a page; a condition that is evaluated in every frame would be as slow.
+# Software draws every frame, and a wait evaluates its condition in every frame: fewer frames save time.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
     window.requestAnimationFrame = act => setTimeout(() => draw(act), 120);
@@ -108,7 +108,7 @@ def press(page, name):
         expect(button).to_have_count(1, timeout=WAIT * 1e3)
         try:
             return button.click()
-        except Error as error:  # the session has changed between the two lines
+        except Error as error:  # another session has replaced this one since the line before
             if "strict mode violation" not in str(error):
                 raise
 

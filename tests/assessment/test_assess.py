@@ -154,7 +154,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("good", "no check contradicts the positions found", lambda e: e),
 ]
 BLIND = 12  # only an array without given positions reaches this row
-# The changes that lead to these two rows exclude each other.
+# The changes that lead to the two rows of a pair exclude each other.
 EXCLUDED = {
     (2, 4), (2, 15), (4, 15), (7, 12), (7, 16), (7, 17), (8, 12), (9, 10), (12, 17), (14, 16), (16, 17),
 }  # fmt: skip

@@ -87,7 +87,7 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy):
     assert [(n, one.kind) for n, one in faulty.items()] == [(FAULTY, "dead")] and found.verdict == "good"
     others = ~np.isin(np.arange(COUNT), list(faulty))
     shift = np.linalg.norm(found.positions - solved(healthy).assessment.positions, axis=1)[others]
-    # without this channel the other positions change by less than their uncertainty
+    # Without this channel the other positions change by less than twice their uncertainty.
     assert np.all(shift < 2 * found.uncertainty[others])
 
 
@@ -114,7 +114,7 @@ def test_each_fault_is_named_with_its_value_and_what_the_model_explains_is_no_mi
     for n, (_, kind, unit, value) in faults.items():
         assert (faulty[n].kind, faulty[n].unit) == (kind, unit)
         assert faulty[n].value == (value if value is None else pytest.approx(value, rel=0.1))
-    # faulty channels are predicted as well: the model contains their fault
+    # Faulty channels are predicted as well: the model contains their fault.
     assert np.max(errors(found, healthy)) < 0.012
 
 

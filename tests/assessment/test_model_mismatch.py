@@ -69,7 +69,7 @@ def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
 
 
 def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good():
-    # a rigid sphere measures a diffuse field as a larger open sphere does: the shape is right, the size is not
+    # A rigid sphere measures a diffuse field as a larger open sphere does: the shape is right, the size is not.
     found = fdcal.calibrate(measured(rigid_sphere()), solver="robust")
     assert found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined")
     assert faults(found) == []

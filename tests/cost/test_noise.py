@@ -119,7 +119,7 @@ def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
 
     def cost(n, way):
         changed = replace(field, channel_noise=np.where(np.arange(N) == n, np.exp(way * h), 1.0) * tau)
-        # the expected power hardly depends on the channel noise
+        # The expected power hardly depends on the channel noise.
         prior = estimates.CHANNEL_COUNT * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
         return likelihood_terms(TRUTH, p, changed, derivatives=False).cost + prior
 
@@ -150,7 +150,7 @@ WAVENUMBERS = np.array([1.5, 2.5, 4.0])  # rad/m
 MODES = len(WAVENUMBERS)
 POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array
-# the cases have fewer microphones than directions, and more
+# The first cases have fewer microphones than directions, the last two have more.
 CASES = [(*array, 9, damping) for array in ARRAYS for damping in (0.0, 0.1)] + [(2, 2, 40, 0.0), (2, 2, 40, 0.1)]
 
 

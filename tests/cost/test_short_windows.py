@@ -88,7 +88,7 @@ def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the
     turned = replace(field, positions=field.positions @ turn, directions=field.directions @ turn)
     other = replace(field, positions=1.1 * field.positions)
     assert np.allclose(before, [one.terms(turned).cost for one in (likelihood, louder)], rtol=1e-12, atol=1e-6)
-    # the cost of a window contains N log of its power, whatever the positions
+    # The cost of a window contains N log of its power, whatever the positions.
     assert np.diff(before) == pytest.approx(np.diff([one.terms(other).cost for one in (likelihood, louder)]))
 
 

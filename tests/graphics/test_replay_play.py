@@ -87,7 +87,7 @@ def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(pa
     minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
     assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a hole that the map marks"
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
-    home = np.linalg.norm(end - below) < 0.01  # the minimum of the true position
+    home = np.linalg.norm(end - below) < 0.01  # it is in the minimum of the true position
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
     reached = f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
     assert words == (reached if home else f"Trapped, {off} off")

@@ -80,7 +80,7 @@ RANGES = [  # each case changes one key
         ({"gauge.known": "[0, 5, 16]"}, ["gauge.known names microphone 16", "0 to 15"]),
         ({"gauge.known": None, "gauge.free": "[]"}, ["no microphone to be found"]),
         ({"search.origin": "[0.7, 0.3]"}, ["microphone 3", "search domain", "search.origin or search.size"]),
-        # the source has several places
+        # The source has several places.
         *(
             ({"source.position": None, "source.positions": places}, words)
             for places, words in (

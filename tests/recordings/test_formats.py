@@ -557,7 +557,7 @@ def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
     assert Path(command[-1]).read_text() == "mine"
 
 
-# sofar writes every convention for rooms, with all receivers in one measurement or one receiver that moves.
+# The library sofar writes every convention for rooms, with all receivers in one measurement or one receiver that moves.
 
 
 @pytest.mark.parametrize("moved", [False, True], ids=["receivers side by side", "one that is moved"])

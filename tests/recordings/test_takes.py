@@ -253,7 +253,7 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
     path.mkdir()
     np.save(path / "pos_mic.npy", places(COUNT))
     np.save(path / "pos_src.npy", np.array(SOURCES[:2]))
-    # The rate is 48 kHz.
+    # The format has a fixed rate of 48 kHz.
     every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(2)])
     for n in range(COUNT):
         np.save(path / f"ir_{n}.npy", every[:, n])

@@ -43,7 +43,7 @@ def array():
 def test_the_measured_array_has_maps_at_once(array, server):
     """Seven microphones cannot carry any mode with the usual order."""
     assert array.known_scene is None and array.measurement.take_count == 4
-    places = DisplayFrame(array).positions(array.session.view.state.positions)  # the page draws them here
+    places = DisplayFrame(array).positions(array.session.view.state.positions)  # the drawn positions
     low = np.array(array.measurement.search.origin)
     assert ((low < places) & (places < low + array.measurement.search.size)).all(), "the map is where the array is"
     binding = Binding(server.gui, array, len(array.measurement.frequencies))

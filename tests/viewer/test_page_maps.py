@@ -162,7 +162,7 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
     sweep, slow = viewer.tabs.sweep, sweeping.cost_map
-    for _ in range(2):  # the first press plays, the second one pauses; the maps are ready
+    for _ in range(2):  # the first press plays, the second one pauses; the maps are made
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 frequencies" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)

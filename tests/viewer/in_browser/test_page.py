@@ -72,7 +72,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.wait_for_function("location.hash.includes('microphone=8')")
     served.stop()
     page.get_by_text("The connection is lost").wait_for()
-    page.wait_for_timeout(3000)  # viser alone would make Chromium delay its attempts for this time
+    page.wait_for_timeout(3000)  # with viser alone, Chromium would delay its attempts to reconnect
     served.start()
     page.get_by_text("The connection was lost and is restored").wait_for()
     page.wait_for_function("location.hash.includes('microphone=8')")
