@@ -19,6 +19,12 @@ def mode_power(pressures: Numbers) -> np.ndarray:
     return np.mean(np.abs(pressures) ** 2, axis=-1)
 
 
+# Largest number of microphones of an array with short windows, by the number of its coordinates. In space, 64
+# microphones take a minute of processor time, and the heights of a flat array are not found reliably, which also
+# increases the errors within its plane.
+MAX_COUNT = {2: 64, 3: 32}
+
+
 @dataclass(frozen=True, eq=False)
 class ShortWindows:
     """Spectra of many short Hann windows of recordings, in groups, each of one take and one frequency.

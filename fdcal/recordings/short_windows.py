@@ -8,14 +8,11 @@ zero.
 import numpy as np
 
 from ..model.measurement import Measurement
-from ..model.problem import ShortWindows
+from ..model.problem import MAX_COUNT, ShortWindows
 from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds, length of a window
-# Largest number of microphones, by the number of their coordinates. In space, 64 microphones take a minute of processor
-# time, and the heights of a flat array are not found reliably, which also increases the errors within its plane.
-MAX_COUNT = {2: 64, 3: 32}
 MAX_FLAT = 12  # largest number of microphones of an array that is tested for being flat
 SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
 MAX_WINDOWS = 400  # largest number of windows of all takes together
@@ -27,6 +24,10 @@ SPACING = 1.5  # spacing of the frequencies relative to that of independent ones
 LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
 OCTAVE = 2.0  # least ratio of the upper to the lower end of the default band
 QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which a window is in a pause
+# Least level of a frequency, relative to the highest level (-50 dB), and least squared coherence of a microphone with
+# another one, beyond that of independent noise; frequencies below these limits are not used. In an array of 64
+# whose recording ends at 2 kHz, but has a sampling rate of 48 kHz, they decrease the error from 7.9 to 6.0 mm.
+STOPBAND, COHERENT = 1e-5, 0.03
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended
 SHORTEST = 0.2  # seconds after the onset that are always used
@@ -43,29 +44,69 @@ def short_windows(
     `kind`: one of `fdcal.recordings.recording.KINDS`; `takes`: number of takes; `number`: number of this take, from 0,
     because each take uses other frequencies; `axes`: number of coordinates of a microphone.
     """
-    if options.dimension != 3 or options.windows == "none" or recording.count > MAX_COUNT[axes]:
+    if (
+        options.dimension != 3
+        or options.windows == "none"
+        or recording.count > MAX_COUNT[2 if options.array_dimension is None else axes]
+    ):
         return None
+    automatic = options.windows == "auto"
     band = LOWEST, min(HIGHEST, IMPORT_LIMITS.max_frequency * recording.sample_rate)
-    if options.windows != "auto":
+    if not automatic:
         band = given_band(recording, "windows", options.windows)
-    if options.windows == "auto" and band[1] < OCTAVE * band[0]:
-        return None
-    fs, n = recording.sample_rate, int(WINDOW * recording.sample_rate)
+    n = int(WINDOW * recording.sample_rate)
     first, last = (0, recording.samples - n) if kind == "stationary" else _decay(recording, n)
     if last <= first:
         return None
-    groups = int(MAX_GROUPS * min(1.0, (MANY / recording.count) ** 2))
-    spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
-    f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
-    transform = np.exp(-2j * np.pi * np.outer(np.arange(n), f) / fs) * np.hanning(n)[:, None]
     count = int(min(max(MIN_WINDOWS, MAX_WINDOWS // takes), (last - first) / (n / 2) + 1))
-    p = np.empty((len(f), count, recording.count), np.complex64)
-    for window, start in enumerate(np.linspace(first, last, count).astype(int)):
+    starts = np.linspace(first, last, count).astype(int)
+    groups = int(MAX_GROUPS * min(1.0, (MANY / recording.count) ** 2))
+    while not automatic or band[1] >= OCTAVE * band[0]:
+        spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
+        f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
+        p = _spectra(recording, starts, n, f)
+        kept = _with_sound(p) if automatic else np.ones(len(f), bool)
+        if not kept.any():
+            return None
+        end = float(f[kept][-1]) + spacing
+        if end >= band[1] - spacing:
+            return ShortWindows(f[kept], np.zeros(np.sum(kept), np.int64), _normalised(p[kept]), WINDOW)
+        band = band[0], end
+    return None
+
+
+def _spectra(recording: Recording, starts: np.ndarray, n: int, frequencies: np.ndarray) -> np.ndarray:
+    """Return the spectra (F, W, N) complex64 of windows of `n` samples that begin at the samples `starts` (W,)."""
+    turns = np.outer(np.arange(n), frequencies) / recording.sample_rate
+    transform = np.exp(-2j * np.pi * turns) * np.hanning(n)[:, None]
+    p = np.empty((len(frequencies), len(starts), recording.count), np.complex64)
+    for window, start in enumerate(starts):
         p[:, window] = (read_samples(recording, int(start), int(start) + n) @ transform).T
+    return p
+
+
+def _with_sound(p: np.ndarray) -> np.ndarray:
+    """Return which frequencies of the spectra (F, W, N) hold sound : (F,) bool.
+
+    A band can end below the sampling rate's limit: the source has no more, or the recording was resampled. Beyond its
+    end there is noise without coherence, or the mirrored spectrum that a filter leaves at a low level.
+    """
+    windows, count = p.shape[1:]
+    cross = np.abs(p.swapaxes(1, 2) @ p.conj()) ** 2
+    power = np.sqrt(np.diagonal(cross, axis1=1, axis2=2))
+    coherence = cross / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
+    nearest = np.median((coherence * (1 - np.eye(count))).max(axis=2), axis=1)
+    level = power.mean(axis=1)
+    return (level > STOPBAND * level.max()) & (nearest - (1 + np.log(count)) / windows > COHERENT)
+
+
+def _normalised(p: np.ndarray) -> np.ndarray:
+    """Return spectra (F, W, N) with a mean power of 1 in each window, and 0 where a window is in a pause."""
     power = np.mean(np.abs(p) ** 2, axis=2)
-    p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
-    p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
-    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
+    quiet = power <= QUIET * power.mean(axis=1, keepdims=True)
+    return (
+        np.where(quiet, 0.0, 1 / np.sqrt(np.maximum(power, np.finfo(np.float32).tiny)))[..., None].astype(p.dtype) * p
+    )
 
 
 def found_flat(measurement: Measurement) -> bool:

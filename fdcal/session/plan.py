@@ -35,12 +35,13 @@ from ..assessment.uncertainty import Bound, Information, Prior, diffuse_informat
 from ..model.arrays import WALL_DISTANCE_M, geometry, hull_meets, positions_of, random_source
 from ..model.gauge import fixes_gauge
 from ..model.measurement import checked_known
+from ..model.problem import MAX_COUNT
 from ..model.quantities import Metres, MetresPerSecond, Seconds, Seed
 from ..model.scene import Array, MeasuredScene, Scene, load_scene, scene_names
 from ..model.validation import InputError, check, evenly_spaced, frozen_array, length_text, refusal, within
 from ..recordings.formats.positions import READERS, read_positions
 from ..recordings.frequencies import default_max_rows
-from ..recordings.short_windows import HIGHEST, LOWEST, MAX_COUNT, WINDOW
+from ..recordings.short_windows import HIGHEST, LOWEST, WINDOW
 from ..solvers.robust.windows import MAX_DIAMETER
 from .process import one_blas_thread
 

@@ -29,7 +29,7 @@ from ...cost.short_windows import (
     with_wave,
 )
 from ...model.gauge import align, rigid_motions
-from ...model.problem import Problem, ShortWindows
+from ...model.problem import MAX_COUNT, Problem, ShortWindows
 from ...model.validation import Bools, InputError, Integers, Reals
 from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from ..starts import coherence_start
@@ -124,46 +124,60 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
     return U @ V
 
 
-def usable(problem: Problem, positions: Reals, counted: Bools) -> bool:
-    """Return whether there are windows of a field in space, enough `counted` microphones, and a small enough array."""
+def usable(problem: Problem, positions: Reals, counted: Bools, flat: bool = False) -> bool:
+    """Return whether there are windows of a field in space, and enough `counted` microphones in a small enough array.
+
+    flat : whether the array is known to be flat. In space, more than MAX_COUNT microphones are only allowed then.
+    """
     if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
         return False
     x = positions[counted]
-    diameter = float(np.linalg.norm(x[:, None] - x, axis=2).max())
-    return diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
+    diameter, limit = float(np.linalg.norm(x[:, None] - x, axis=2).max()), MAX_COUNT[2 if flat else x.shape[1]]
+    return len(positions) <= limit and diameter <= MAX_DIAMETER * problem.windows.length * problem.sound_speed
 
 
-def window_term(problem: Problem, positions: Reals, phases: Reals, counted: Bools) -> WindowTerm | None:
+def window_term(
+    problem: Problem, positions: Reals, phases: Reals, counted: Bools, flat: bool = False
+) -> WindowTerm | None:
     """Return the term of the windows of a problem; None if they do not determine the array.
 
-    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, that of an inverted channel and 0
-    for the others, because the fit itself estimates small phases and gains; counted : (N,) bool, channels in use
+    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, and 0 for the
+    others, because the fit estimates small phases and levels itself; counted : (N,) bool, channels in use; flat :
+    whether the array is fitted in its plane, with a prior of standard deviation FLAT_SIGMA for its heights
     """
     assert problem.windows is not None  # `usable`
-    N, D = positions.shape
+    (N, D), x = positions.shape, np.array(positions)
     likelihood = likelihood_of(problem.windows.of_microphones(counted), problem.sound_speed, phases[counted])
-    starts = [(positions[counted], STAGES[1:])]
-    if (coherent := _coherent(likelihood, D)) is not None:
+    axes = plane_axes(x[counted])
+    plane = axes[:2] if flat else np.eye(D)
+    start, height = x[counted] @ plane.T, np.mean(x[counted], axis=0) @ (np.eye(D) - plane.T @ plane)
+    starts = [(start, STAGES[1:])]
+    if (coherent := _coherent(likelihood, len(plane))) is not None:
         starts = [(coherent, STAGES), *starts]
-    x = np.array(positions)
     try:
-        likelihood, field, axes = fitted(likelihood, starts)
+        likelihood, field, free = fitted(likelihood, starts)
         # Other places are only sought for microphones without a given position, and only without arrival times, because
         # these decide between two places.
         sought = np.isin(np.flatnonzero(counted), problem.known, invert=True) & (problem.arrivals is None)
-        field, other = with_rival(likelihood, field, axes, sought)
-        covariance, found = covariance_of(likelihood, field, axes), field.positions[:, axes]
-        x[counted] = align(found, positions[counted])
-        whole = np.kron(np.eye(len(found)), _turn(found, x[counted]))
-        precision = precision_of(whole.T @ covariance @ whole, x[counted])
+        field, other = with_rival(likelihood, field, free, sought)
+        covariance, found = covariance_of(likelihood, field, free), field.positions[:, free]
+        y = align(found, start)
+        whole = np.kron(np.eye(len(found)), _turn(found, y))
+        precision = precision_of(whole.T @ covariance @ whole, y)
     except np.linalg.LinAlgError:
         return None
+    x[counted] = y @ plane + height
+    turn = np.kron(np.eye(len(y)), plane)
+    precision = turn.T @ precision @ turn
+    if flat:
+        tilts = np.linalg.qr(np.column_stack([np.ones(len(y)), y]))[0]
+        precision += np.kron(np.eye(len(y)) - tilts @ tilts.T, np.outer(axes[2], axes[2])) / FLAT_SIGMA**2
     index = np.arange(N * D).reshape(N, D)[counted].ravel()
     embedded, rival = np.zeros((N * D, N * D)), None
     embedded[np.ix_(index, index)] = precision
     if other is not None:
         rival = np.array(x)
-        rival[counted] = align(other, x[counted])
+        rival[counted] = align(other, y) @ plane + height
     return WindowTerm(x, embedded, rival)
 
 
@@ -331,6 +345,7 @@ def _minimised(
 LOWEST_GROUPS = 5  # number of frequencies at which the coherence is examined
 MIN_COHERENCE = 0.2  # least squared coherence with some other microphone; a dead channel has 1 / windows
 FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
+FLAT_SIGMA = 2e-3  # metres, standard deviation of the heights of a flat array as it is built
 HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, divided by its RMS radius
 
 
@@ -354,8 +369,23 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
         covariance = covariance_of(likelihood, field, axes)
     except np.linalg.LinAlgError:
         return False
-    x: Reals = field.positions - np.mean(field.positions, axis=0)
-    along: Reals = np.linalg.svd(x, full_matrices=False)[2]
+    return flat_evidence(field.positions, covariance) > FLAT_NATS
+
+
+def plane_axes(positions: Reals) -> np.ndarray:
+    """Return the principal axes (D, D) of positions (N, D), metres, as rows, the shortest one last."""
+    return np.linalg.svd(positions - positions.mean(axis=0), full_matrices=False)[2]
+
+
+def flat_evidence(positions: Reals, covariance: Reals) -> float:
+    """Return the log evidence, nats, for a flat array, relative to one that is not flat.
+
+    h are the heights of positions (N, 3), metres, over the plane of least squares and C is their covariance, both
+    without motions of the plane. If the heights of an array that is not flat have the sigma s, the evidence is
+
+        [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
+    """
+    x, along = positions - positions.mean(axis=0), plane_axes(positions)
     rest: Reals = np.linalg.svd(np.column_stack([np.ones(len(x)), x @ along[:2].T]))[0][:, 3:]
     heights: Reals = rest.T @ x @ along[2]
     across: Reals = rest.T @ np.asarray(np.kron(np.eye(len(x)), along[2]), float)
@@ -363,7 +393,7 @@ def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
     values = np.maximum(values, 1e-300)
     spread = np.asarray(HEIGHT**2 * 3 * float(np.mean(x**2)) / values)
     squares = np.asarray((heights @ vectors) ** 2 / values)
-    return bool(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2 > FLAT_NATS)
+    return float(np.sum(np.log1p(spread) - squares * spread / (1 + spread)) / 2)
 
 
 def _correlated(windows: ShortWindows) -> np.ndarray:
