@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from running import refuses
+from scipy import signal
 
 from fdcal.model.measurement import Measurement, load_measurement, save_measurement
 from fdcal.model.problem import ShortWindows
@@ -16,7 +17,9 @@ RATE = 8000
 
 
 def noise(count: int = 6, seconds: float = 3.0, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).standard_normal((count, int(seconds * RATE)))
+    """Return white noise of which a part is the same in all channels."""
+    samples = np.random.default_rng(seed).standard_normal((count + 1, int(seconds * RATE)))
+    return samples[1:] + samples[0]
 
 
 def windows_of(samples: np.ndarray, kind: str = "stationary", takes: int = 1, number: int = 0, **options):
@@ -54,7 +57,13 @@ def test_of_an_impulse_response_the_direct_sound_and_the_noise_are_left_out():
 
 @pytest.mark.parametrize(
     ("count", "seconds", "rate", "options"),
-    [(6, 0.5, RATE, {"windows": "none"}), (6, 0.5, RATE, {"dimension": 2}), (33, 0.5, RATE, {}), (6, 0.02, RATE, {})]
+    [
+        (6, 0.5, RATE, {"windows": "none"}),
+        (6, 0.5, RATE, {"dimension": 2}),
+        (65, 0.5, RATE, {}),
+        (33, 0.5, RATE, {"array_dimension": 3}),
+        (6, 0.02, RATE, {}),
+    ]
     + [(6, 4.0, rate, {}) for rate in (150, 210, 400)],
 )
 def test_there_are_none_of_a_plate_of_many_channels_or_of_a_short_or_low_recording(count, seconds, rate, options):
@@ -110,10 +119,25 @@ def test_a_measurement_refuses_those_of_another_count(measured):
     refuses("microphones", lambda: replace(measured, windows=measured.windows.of_microphones(np.arange(4))))
 
 
-def test_many_channels_have_windows_in_the_plane_alone_and_at_fewer_frequencies():
+def test_many_channels_have_windows_unless_they_are_sought_in_space_and_at_fewer_frequencies():
     samples = noise(64, 2.0)
     recording = recording_of("x", "stationary", RATE, samples)
     few = windows_of(samples[:8])
-    assert short_windows(recording, "stationary", ImportOptions()) is None
-    many = short_windows(recording, "stationary", ImportOptions(), axes=2)
+    assert short_windows(recording, "stationary", ImportOptions(array_dimension=3)) is None
+    many = short_windows(recording, "stationary", ImportOptions())
     assert many is not None and len(many.frequencies) < len(few.frequencies)
+
+
+@pytest.mark.parametrize("beyond", ["noise", "images"])
+def test_windows_end_where_the_band_of_the_sound_ends(beyond):
+    """The windows of 64 microphones went up to 4 kHz although their recording had been made with 4 kHz sampling."""
+    rng, sound = np.random.default_rng(0), signal.butter(12, 1000, fs=RATE, output="sos")
+    samples = signal.sosfiltfilt(sound, noise(seconds=6.0))
+    if beyond == "noise":  # without coherence, 30 dB below the sound
+        samples += 0.03 * samples.std() * rng.standard_normal(samples.shape)
+    else:  # the mirrored spectrum of a coarse change of the sampling rate, 60 dB below the sound
+        samples += 1e-3 * samples * np.cos(np.pi * np.arange(samples.shape[1]))
+    for options in ({}, {"array_dimension": 3}):
+        f = windows_of(samples, **options).frequencies
+        assert 900 < f.max() < 1200 and len(f) > 15, "the frequencies lie closer together then"
+    assert windows_of(samples, windows="100:3000").frequencies.max() > 2900, "a given band is used as it is"

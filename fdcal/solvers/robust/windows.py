@@ -49,6 +49,7 @@ MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
 MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
+ENOUGH = 0.5
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
 # nats; an earlier stage, and the last one, ends when a step lowers the cost by less. With 0.2 instead of 0.05 one
 # circle of 8 microphones is not recognised as flat, and its error grows from 5 to 10 mm.
@@ -236,15 +237,18 @@ def fitted(
     half = _of_groups(likelihood, np.sum((take[:, None] == take) & (k[:, None] > k), axis=1) % 2 == 0)
     field, _ = _minimised(half, min(ended, key=lambda one: one[1])[0], axes)
     field, cost = _minimised(half, field, axes, spectrum=5, steps=LAST_STEPS)
+    dispersion = 1.0
     while field.curvature.shape[1] < MAX_WAVES:
         more, lower = _minimised(half, with_wave(half, field), axes, spectrum=5, steps=WAVE_STEPS)
-        if cost - lower < WAVE_NATS * _dispersion(half, more, axes, spectrum=5):
+        dispersion = _dispersion(half, more, axes, spectrum=5)
+        if cost - lower < WAVE_NATS * dispersion:
             break
         field, cost = more, lower
+    least = max(DECREASE, ENOUGH * dispersion)
     (start, axes), *standing = upright(field, axes)
-    field, cost = _minimised(likelihood, start, axes, spectrum=7, steps=LAST_STEPS)
+    field, cost = _minimised(likelihood, start, axes, spectrum=7, steps=LAST_STEPS, least=least)
     for start, other in standing:
-        found, lower = _minimised(likelihood, start, other, spectrum=7, steps=LAST_STEPS)
+        found, lower = _minimised(likelihood, start, other, spectrum=7, steps=LAST_STEPS, least=least)
         if cost - lower > MISFIT_NATS * _dispersion(likelihood, field, axes, spectrum=7):
             field, axes = found, other
     for _ in range(ROUNDS):
@@ -289,19 +293,21 @@ def with_rival(
     places, gaps = other_places(low, field, axes, APART / LOW_BAND)
     gaps[~sought] = np.inf
     tried = list[tuple[float, ShortField]]()
+    every = {"axes": axes, "spectrum": 7, "channels": True, "least": 1.0}
+    base = _minimised(part, field, **every, steps=WAVE_STEPS)[1]
     for n in np.argsort(gaps)[:MAX_EXAMINED]:
         if gaps[n] > 2 * MISFIT_NATS:
             break
         x = np.array(field.positions)
         x[n] = places[n]
-        found, other = _minimised(part, replace(field, positions=x), axes, spectrum=7, channels=True, least=1.0)
+        found, other = _minimised(part, replace(field, positions=x), **every, steps=WAVE_STEPS)
         moved = np.linalg.norm(align(found.positions, field.positions) - field.positions, axis=1).max()
-        if moved > APART / LOW_BAND:
+        if moved > APART / LOW_BAND and other < base + 2 * MISFIT_NATS:
             tried.append((other, found))
     if not tried:
         return field, None
     best = min(tried, key=lambda one: one[0])[1]
-    found, other = _minimised(likelihood, best, axes, spectrum=7, channels=True, least=1.0)
+    found, other = _minimised(likelihood, best, **every)
     cost = likelihood.terms(field).cost
     if other > cost + MISFIT_NATS:
         return field, None
