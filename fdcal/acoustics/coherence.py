@@ -55,6 +55,17 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     return radius if k.min() * radius <= MAX_PHASE else None
 
 
+def squared_coherence(spectra: np.ndarray) -> np.ndarray:
+    """Return the squared coherence of all pairs of channels : (F, N, N), 0 for a channel with itself.
+
+    spectra : (F, W, N), of W windows; the squared coherence of independent channels is about 1 / W
+    """
+    cross = spectra.swapaxes(1, 2) @ np.conj(spectra)
+    power = np.real(np.diagonal(cross, axis1=1, axis2=2))
+    squared = np.abs(cross) ** 2 / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
+    return squared * (1 - np.eye(spectra.shape[2]))
+
+
 SINGLE_WAVE = "the pressures are those of a single wave that passes the array: there are hardly any reflections"
 SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times give the positions"
 

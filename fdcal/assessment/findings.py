@@ -188,6 +188,8 @@ def _good(seen: Judged) -> str:
     if seen.estimate.window_ratio > CONTRADICTION:
         sigmas = f"{np.sqrt(seen.estimate.window_ratio):.1f} sigma"
         words += f"; short windows and long spectra give arrays that differ by {sigmas}, so that one sigma is enlarged"
+    if seen.estimate.flat:
+        words += "; the array is flat, so that all heights were held near a plane"
     if not seen.faulty:
         return f"no check contradicts the positions found; {words}"
     faults = faults_text(seen.faulty.values())

@@ -7,6 +7,7 @@ zero.
 
 import numpy as np
 
+from ..acoustics.coherence import squared_coherence
 from ..model.measurement import Measurement
 from ..model.problem import MAX_COUNT, ShortWindows
 from .frequencies import given_band
@@ -44,11 +45,8 @@ def short_windows(
     `kind`: one of `fdcal.recordings.recording.KINDS`; `takes`: number of takes; `number`: number of this take, from 0,
     because each take uses other frequencies; `axes`: number of coordinates of a microphone.
     """
-    if (
-        options.dimension != 3
-        or options.windows == "none"
-        or recording.count > MAX_COUNT[2 if options.array_dimension is None else axes]
-    ):
+    largest = MAX_COUNT[2 if options.array_dimension is None else axes]
+    if options.dimension != 3 or options.windows == "none" or recording.count > largest:
         return None
     automatic = options.windows == "auto"
     band = LOWEST, min(HIGHEST, IMPORT_LIMITS.max_frequency * recording.sample_rate)
@@ -66,13 +64,16 @@ def short_windows(
         f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
         p = _spectra(recording, starts, n, f)
         kept = _with_sound(p) if automatic else np.ones(len(f), bool)
-        if not kept.any():
-            return None
-        end = float(f[kept][-1]) + spacing
-        if end >= band[1] - spacing:
-            return ShortWindows(f[kept], np.zeros(np.sum(kept), np.int64), _normalised(p[kept]), WINDOW)
-        band = band[0], end
-    return None
+        f, p = f[kept], p[kept]
+        if len(f) == 0 or f[-1] + 2 * spacing >= band[1]:
+            break
+        band = band[0], float(f[-1]) + spacing
+    else:
+        return None
+    power = np.mean(np.abs(p) ** 2, axis=2)
+    p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
+    p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
+    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW) if len(f) else None
 
 
 def _spectra(recording: Recording, starts: np.ndarray, n: int, frequencies: np.ndarray) -> np.ndarray:
@@ -91,22 +92,9 @@ def _with_sound(p: np.ndarray) -> np.ndarray:
     A band can end below the sampling rate's limit: the source has no more, or the recording was resampled. Beyond its
     end there is noise without coherence, or the mirrored spectrum that a filter leaves at a low level.
     """
-    windows, count = p.shape[1:]
-    cross = np.abs(p.swapaxes(1, 2) @ p.conj()) ** 2
-    power = np.sqrt(np.diagonal(cross, axis1=1, axis2=2))
-    coherence = cross / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
-    nearest = np.median((coherence * (1 - np.eye(count))).max(axis=2), axis=1)
-    level = power.mean(axis=1)
-    return (level > STOPBAND * level.max()) & (nearest - (1 + np.log(count)) / windows > COHERENT)
-
-
-def _normalised(p: np.ndarray) -> np.ndarray:
-    """Return spectra (F, W, N) with a mean power of 1 in each window, and 0 where a window is in a pause."""
-    power = np.mean(np.abs(p) ** 2, axis=2)
-    quiet = power <= QUIET * power.mean(axis=1, keepdims=True)
-    return (
-        np.where(quiet, 0.0, 1 / np.sqrt(np.maximum(power, np.finfo(np.float32).tiny)))[..., None].astype(p.dtype) * p
-    )
+    level, (windows, count) = np.mean(np.abs(p) ** 2, axis=(1, 2)), p.shape[1:]
+    nearest = np.median(squared_coherence(p).max(axis=2), axis=1) - (1 + np.log(count)) / windows
+    return (level > STOPBAND * level.max()) & (nearest > COHERENT)
 
 
 def found_flat(measurement: Measurement) -> bool:

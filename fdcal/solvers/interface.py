@@ -147,6 +147,7 @@ class Estimate:
     # factor by which the covariances from short windows and from modes were enlarged because they disagree; 0 if no
     # windows are used
     window_ratio: float = 0.0
+    flat: bool = False  # whether an array in space was found to be flat, and its heights were held near a plane
     interpolates: bool = False  # whether the solver interpolates the field between microphones (Eq. 7)
 
 

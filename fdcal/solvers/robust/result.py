@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ...cost.likelihood import Terms
-from ...model.problem import Problem
+from ...model.problem import MAX_COUNT, Problem
 from ...model.settings import SolverSettings
 from ...model.validation import Reals
 from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, TriedOptimum
@@ -64,6 +64,7 @@ def result(problem: Problem, state: State) -> Estimate:
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=tried,
         window_ratio=0.0 if model.window_positions is None else model.window_ratio,
+        flat=model.window_positions is not None and D == 3 and N > MAX_COUNT[3],
     )
 
 

@@ -174,21 +174,20 @@ def with_windows(problem: Problem, state: State) -> State | None:
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # otherwise all delays are free, and also absorb position errors of healthy channels
         counted &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
+    many = problem.array_dimension == 3 and len(counted) > MAX_COUNT[3]  # these must be flat
+    if not windows.usable(problem, state.positions, counted, many):
+        return None
     # The windows and the long rows are compared without the given positions, which help to determine the array and
     # would hide how unreliable the pressures are.
     no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
     claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
-    flat = (
-        problem.array_dimension == 3
-        and len(counted) > MAX_COUNT[3]
-        and windows.flat_evidence(state.positions, claim.spread.covariance) > windows.FLAT_NATS
-    )
-    if not windows.usable(problem, state.positions, counted, flat):
+    covariance = claim.spread.covariance
+    if many and windows.flat_evidence(state.positions, covariance) < windows.FLAT_NATS:
         return None
-    term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted, flat)
+    term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted, many)
     if term is None:
         return None
-    ratio = term.disagreement(state.positions, claim.spread.covariance)
+    ratio = term.disagreement(state.positions, covariance)
     fitted = replace(
         model,
         window_positions=term.positions,

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...acoustics.coherence import squared_coherence
 from ...cost.short_windows import (
     ShortField,
     ShortLikelihood,
@@ -49,11 +50,11 @@ MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
 MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
-ENOUGH = 0.5
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
-# nats; an earlier stage, and the last one, ends when a step lowers the cost by less. With 0.2 instead of 0.05 one
+# nats; a stage ends when a step lowers the cost by less than DECREASE, or by less than ENOUGH times the dispersion once
+# this is known, and the last one when a step lowers it by less than LAST_DECREASE. With 0.2 instead of 0.05 one
 # circle of 8 microphones is not recognised as flat, and its error grows from 5 to 10 mm.
-DECREASE, LAST_DECREASE = 10.0, 0.05
+DECREASE, ENOUGH, LAST_DECREASE = 10.0, 0.5, 0.05
 # Smallest decrease of the cost, nats divided by the dispersion, for which one more wave is kept. Only every second
 # frequency is used for this, to save time. For a ball of 32 microphones in a dry room, the ninth wave decreases the
 # cost by 100, and the error falls; for a circle of 8, the second wave decreases it by 30, and the error does not
@@ -408,10 +409,7 @@ def _correlated(windows: ShortWindows) -> np.ndarray:
     A dead channel has no coherence with the others, so that the position found for it would be arbitrary.
     """
     p = windows.pressures[np.argsort(windows.frequencies)[:LOWEST_GROUPS]]
-    spectra = p.swapaxes(1, 2) @ np.conj(p)
-    power = np.real(np.diagonal(spectra, axis1=1, axis2=2))
-    coherence = np.abs(spectra) ** 2 / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
-    return (np.mean(coherence, axis=0) * (1 - np.eye(p.shape[2]))).max(axis=0) > MIN_COHERENCE
+    return np.mean(squared_coherence(p), axis=0).max(axis=0) > MIN_COHERENCE
 
 
 def _dispersion(
