@@ -26,8 +26,9 @@ LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
 OCTAVE = 2.0  # least ratio of the upper to the lower end of the default band
 QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which a window is in a pause
 # Least level of a frequency, relative to the highest level (-50 dB), and least squared coherence of a microphone with
-# another one, beyond that of independent noise; frequencies below these limits are not used. In an array of 64
-# whose recording ends at 2 kHz, but has a sampling rate of 48 kHz, they decrease the error from 7.9 to 6.0 mm.
+# another one, beyond that of independent noise; frequencies below these limits are not used. They
+# decrease the errors of a spiral of 64 microphones whose recordings end at 2 and 0.9 kHz from 7.9 to 6.5 and from 5.6
+# to 4.6 mm.
 STOPBAND, COHERENT = 1e-5, 0.03
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended
@@ -59,21 +60,23 @@ def short_windows(
     count = int(min(max(MIN_WINDOWS, MAX_WINDOWS // takes), (last - first) / (n / 2) + 1))
     starts = np.linspace(first, last, count).astype(int)
     groups = int(MAX_GROUPS * min(1.0, (MANY / recording.count) ** 2))
-    while not automatic or band[1] >= OCTAVE * band[0]:
+    while True:
+        if automatic and band[1] < OCTAVE * band[0]:
+            return None
         spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
         f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
         p = _spectra(recording, starts, n, f)
         kept = _with_sound(p) if automatic else np.ones(len(f), bool)
         f, p = f[kept], p[kept]
-        if len(f) == 0 or f[-1] + 2 * spacing >= band[1]:
+        if not len(f):
+            return None
+        if f[-1] + 2 * spacing >= band[1]:
             break
-        band = band[0], float(f[-1]) + spacing
-    else:
-        return None
+        band = band[0], float(f[-1]) + spacing  # the sound ends earlier: begin again, with frequencies closer together
     power = np.mean(np.abs(p) ** 2, axis=2)
     p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
     p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
-    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW) if len(f) else None
+    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
 
 
 def _spectra(recording: Recording, starts: np.ndarray, n: int, frequencies: np.ndarray) -> np.ndarray:

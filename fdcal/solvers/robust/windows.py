@@ -14,6 +14,7 @@ The likelihood of the long rows is divided by the ratio of the covariance that t
 inverse of its curvature, so that its weight agrees with the claimed covariance.
 """
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,7 +130,7 @@ def _turn(before: Reals, after: Reals) -> np.ndarray:
 def usable(problem: Problem, positions: Reals, counted: Bools, flat: bool = False) -> bool:
     """Return whether there are windows of a field in space, and enough `counted` microphones in a small enough array.
 
-    flat : whether the array is known to be flat. In space, more than MAX_COUNT microphones are only allowed then.
+    flat : whether the array lies in a plane of the space. Then MAX_COUNT allows more microphones.
     """
     if problem.windows is None or problem.dimension != 3 or np.sum(counted) < MIN_MICROPHONES:
         return False
@@ -143,9 +144,9 @@ def window_term(
 ) -> WindowTerm | None:
     """Return the term of the windows of a problem; None if they do not determine the array.
 
-    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, of inverted channels, and 0 for the
-    others, because the fit estimates small phases and levels itself; counted : (N,) bool, channels in use; flat :
-    whether the array is fitted in its plane, with a prior of standard deviation FLAT_SIGMA for its heights
+    positions : (N, D), metres, as found from the long rows; phases : (N,), radians, that of an inverted channel and 0
+    for the others, because the fit itself estimates small phases and gains; counted : (N,) bool, channels in use;
+    flat : whether an array in space is fitted in its plane, with a prior of standard deviation FLAT_SIGMA for heights
     """
     assert problem.windows is not None  # `usable`
     (N, D), x = positions.shape, np.array(positions)
@@ -294,21 +295,21 @@ def with_rival(
     places, gaps = other_places(low, field, axes, APART / LOW_BAND)
     gaps[~sought] = np.inf
     tried = list[tuple[float, ShortField]]()
-    every = {"axes": axes, "spectrum": 7, "channels": True, "least": 1.0}
-    base = _minimised(part, field, **every, steps=WAVE_STEPS)[1]
+    refit = functools.partial(_minimised, axes=axes, spectrum=7, channels=True, least=1.0)
+    base = refit(part, field, steps=WAVE_STEPS)[1]
     for n in np.argsort(gaps)[:MAX_EXAMINED]:
         if gaps[n] > 2 * MISFIT_NATS:
             break
         x = np.array(field.positions)
         x[n] = places[n]
-        found, other = _minimised(part, replace(field, positions=x), **every, steps=WAVE_STEPS)
+        found, other = refit(part, replace(field, positions=x), steps=WAVE_STEPS)
         moved = np.linalg.norm(align(found.positions, field.positions) - field.positions, axis=1).max()
         if moved > APART / LOW_BAND and other < base + 2 * MISFIT_NATS:
             tried.append((other, found))
     if not tried:
         return field, None
     best = min(tried, key=lambda one: one[0])[1]
-    found, other = _minimised(likelihood, best, **every)
+    found, other = refit(likelihood, best)
     cost = likelihood.terms(field).cost
     if other > cost + MISFIT_NATS:
         return field, None
