@@ -166,6 +166,7 @@ def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monk
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 frequencies" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)
+    turn_until(lambda: np.flatnonzero(sweep._plot.data[2] > 0).tolist() == [2])  # the point of this sum
     monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, "Highest first")
     set_by_client(sweep.highest, 19)
