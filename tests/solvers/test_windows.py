@@ -16,22 +16,12 @@ from fdcal.model.settings import SolverSettings
 from fdcal.recordings.importer import ImportOptions, measurement_of_takes
 from fdcal.recordings.recording import recording_of
 from fdcal.solvers import robust
+from fdcal.solvers.robust import windows
 from fdcal.solvers.robust.arrivals import arrivals_of
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import with_windows
 from fdcal.solvers.robust.state import FINAL
-from fdcal.solvers.robust.windows import (
-    FLAT_SIGMA,
-    WindowTerm,
-    fitted,
-    flat_evidence,
-    is_flat,
-    likelihood_of,
-    precision_of,
-    usable,
-    window_term,
-    with_rival,
-)
+from fdcal.solvers.robust.windows import WindowTerm, fitted, is_flat, likelihood_of, precision_of, usable, with_rival
 
 RATE, SOUND = 8000, 343.2
 
@@ -258,28 +248,26 @@ def test_heights_that_their_covariance_explains_are_evidence_of_a_flat_array():
     rng, spread = np.random.default_rng(5), 0.004  # metres
     flat = np.pad(rng.standard_normal((40, 2)), ((0, 0), (0, 1)))
     noise, covariance = rng.standard_normal((40, 1)) * [0, 0, spread], spread**2 * np.eye(120)
-    within, beyond = (flat_evidence(turned(flat + scale * noise), covariance) for scale in (1, 12))
+    within, beyond = (windows.flat_evidence(turned(flat + scale * noise), covariance) for scale in (1, 12))
     assert within > 50 and beyond < -50
 
 
 def test_many_microphones_in_space_use_windows_only_if_they_are_flat(heard):
-    problem = heard[0].problem()
-    every = np.ones(40, bool)
+    problem, every = heard[0].problem(), np.ones(40, bool)
     x = np.random.default_rng(6).uniform(-0.1, 0.1, (40, 3))
     assert usable(problem, x, every, True) and usable(problem, x[:, :2], every) and not usable(problem, x, every)
 
 
 def test_the_term_of_a_flat_array_in_space_holds_its_heights_near_its_plane():
-    rng, heights = np.random.default_rng(7), np.linspace(-0.01, 0.01, 8)  # metres
+    rng = np.random.default_rng(7)
     flat = np.column_stack([rng.uniform(-0.15, 0.15, (8, 2)), np.zeros(8)])
     recording = recording_of("room", "stationary", RATE, room(flat, 3.0))
     problem = measurement_of_takes([recording], ImportOptions(kind="stationary", array_dimension=3))[0].problem()
-    normal = turned(np.eye(3))[2] - turned(np.zeros((1, 3)))[0]
-    guess = turned(flat) + np.outer(heights, normal) / 4
-    term = window_term(problem, guess, np.zeros(8), np.ones(8, bool), flat=True)
+    normal = turned(np.eye(3))[2] - turned(np.zeros(3))
+    guess = turned(flat) + np.outer(np.linspace(-0.0025, 0.0025, 8), normal)  # metres
+    term = windows.window_term(problem, guess, np.zeros(8), np.ones(8, bool), flat=True)
     assert np.linalg.svd(term.positions - term.positions.mean(axis=0))[1][2] < 1e-9
     assert rms_of_shape(term.positions, flat) < 0.006
     bent = term.positions + np.outer(across := rng.standard_normal(8) * 1e-3, normal)
-    plane = np.column_stack([np.ones(8), flat[:, :2]])
-    rest = across - plane @ np.linalg.lstsq(plane, across, rcond=None)[0]
-    assert term.terms(bent)[0] == pytest.approx(rest @ rest / (2 * FLAT_SIGMA**2), rel=0.1)
+    rest = np.linalg.lstsq(np.column_stack([np.ones(8), flat[:, :2]]), across, rcond=None)[1]
+    assert term.terms(bent)[0] == pytest.approx(rest[0] / (2 * windows.FLAT_SIGMA**2), rel=0.1)

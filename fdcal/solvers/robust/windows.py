@@ -393,7 +393,8 @@ def flat_evidence(positions: Reals, covariance: Reals) -> float:
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
     """
-    x, along = positions - positions.mean(axis=0), plane_axes(positions)
+    x: Reals = positions - positions.mean(axis=0)
+    along = plane_axes(positions)
     rest: Reals = np.linalg.svd(np.column_stack([np.ones(len(x)), x @ along[:2].T]))[0][:, 3:]
     heights: Reals = rest.T @ x @ along[2]
     across: Reals = rest.T @ np.asarray(np.kron(np.eye(len(x)), along[2]), float)
