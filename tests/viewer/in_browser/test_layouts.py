@@ -93,7 +93,7 @@ def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(exper
         (left, bottom), (right, _) = on_screen(expert, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
         box = legend_of(expert).bounding_box()
         assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
-        assert bottom + 60 < box["y"] and box["y"] + box["height"] <= size[1], "below the ruler, with room for a row more"
+        assert bottom + 60 < box["y"] and box["y"] + box["height"] <= size[1], "with room for one more row"
         numbers = expert.locator("#fdcal-labels .number:visible", has_text=re.compile(r"^[\d.]+$")).filter(visible=True)
         assert numbers.count() >= 6
         for number in numbers.all()[:3]:
