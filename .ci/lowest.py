@@ -1,4 +1,4 @@
-"""Print the lowest versions that pyproject.toml allows for fdcal and its extra `page`: `name==version`, one a line."""
+"""Print the lowest versions that pyproject.toml allows for fdcal and its extra `page`, as lines `name==version`."""
 
 import re
 import tomllib
@@ -15,4 +15,4 @@ for requirement in requirements:
     elif match := REQUIREMENT.match(requirement):
         print(f"{match['name']}=={match['version']}")
     else:
-        raise SystemExit(f"pyproject.toml names no lowest version of {requirement}")
+        raise SystemExit(f"pyproject.toml gives no lowest version of {requirement}")

@@ -10,12 +10,12 @@ import sys
 from collections import Counter
 from pathlib import Path
 
-LEAST = 0.6  # s
+MIN_TIME = 0.6  # s, of the tests that are listed
 LINE = re.compile(r"([\d.]+)s (?:call|setup|teardown) +(?:fdcal_bench/)?tests/\S*?::(\w+)")
 
 if __name__ == "__main__":
     seconds: Counter[str] = Counter()
     for took, name in LINE.findall(Path(sys.argv[1]).read_text(encoding="utf-8")):
         seconds[name] += float(took)
-    listed = sorted(f"{name} {took:.1f}\n" for name, took in seconds.items() if took >= LEAST)
+    listed = sorted(f"{name} {took:.1f}\n" for name, took in seconds.items() if took >= MIN_TIME)
     Path(__file__).parents[1].joinpath("tests", "slow.txt").write_text("".join(listed), encoding="utf-8")

@@ -19,15 +19,15 @@ gains[5] *= -1  # a cable with the wrong polarity
 listed = true + rng.normal(scale=0.02, size=true.shape)  # a list that is 2 cm off in each coordinate
 found = fdcal.calibrate(replace(room, pressures=room.pressures * gains))
 
-k, (azimuth, height) = 2 * np.pi * 2000 / room.sound_speed, np.meshgrid(*2 * [np.radians(np.arange(-60, 60.5))])
-looks = np.stack([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth), np.sin(height)], axis=-1)
-sources = looks[[70, 45], [40, 85]]  # two directions, the second source 10 dB weaker
+k, (azimuth, elevation) = 2 * np.pi * 2000 / room.sound_speed, np.meshgrid(*2 * [np.radians(np.arange(-60, 60.5))])
+aims = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1)
+sources = aims[[70, 45], [40, 85]]  # two directions, the second source 10 dB weaker
 recorded = gains * (np.exp(1j * k * true @ sources.T) @ [1, 10 ** (-10 / 20)])
 
 
 def beam_map(positions, signals) -> np.ndarray:
     """Return the amplitude in every direction; the stronger source alone would give 1."""
-    return np.abs(np.exp(-1j * k * looks @ positions.T) @ signals) / count
+    return np.abs(np.exp(-1j * k * aims @ positions.T) @ signals) / count
 
 
 corrected = recorded / found.channels.correction.gains
@@ -37,9 +37,9 @@ figure = Figure(figsize=(12, 4), layout="constrained")
 panels = figure.subplots(1, 3)
 for (name, amplitude), panel in zip(maps.items(), panels, strict=True):
     image = panel.imshow(20 * np.log10(amplitude), origin="lower", extent=(-60, 60, -60, 60), vmin=-15, vmax=1)
-    panel.plot(*np.degrees([azimuth[[70, 45], [40, 85]], height[[70, 45], [40, 85]]]), "rx")
+    panel.plot(*np.degrees([azimuth[[70, 45], [40, 85]], elevation[[70, 45], [40, 85]]]), "rx")
     panel.set(title=name, xlabel="azimuth (degrees)", ylabel="elevation (degrees)")
-    off = np.linalg.norm(amplitude - maps["true"]) / np.linalg.norm(maps["true"])
-    print(f"{name}: off the map of the true array by {100 * off:.1f} %")
+    difference = np.linalg.norm(amplitude - maps["true"]) / np.linalg.norm(maps["true"])
+    print(f"{name}: differs from the map of the true array by {100 * difference:.1f} %")
 figure.colorbar(image, ax=panels, label="dB")
 figure.savefig("beamforming.png")

@@ -1,4 +1,4 @@
-"""Gain and phase of cheap capsules: a loudspeaker in a room compares them, no anechoic chamber is needed."""
+"""Gain and phase of cheap capsules: a loudspeaker in a room compares them without an anechoic chamber."""
 
 from dataclasses import replace
 

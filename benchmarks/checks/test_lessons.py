@@ -65,7 +65,7 @@ def test_one_mode_has_many_minima(square, lesson_text):
     found = minima_of(maps[38], fine)
     assert found.end is not None and len(found.lowest) == found.count, "all fit equally"
     away = distances(found.lowest, truth)
-    assert len(away) == 4 and "four holes" in text and away[0] < fine.step and round(100 * away[1]) == 24
+    assert len(away) == 4 and "four minima" in text and away[0] < fine.step and round(100 * away[1]) == 24
     for mode, words in ((22, "148.6 Hz"), (1, "28.6 Hz")):
         assert f"{f[mode - 1]:.1f} Hz" == words and words in text
     _, level = mode_shape(problem, state.positions, 38, 2, None, 16)

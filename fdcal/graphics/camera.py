@@ -12,7 +12,7 @@ from ..model.validation import require_choice
 from .primitives import Picture
 
 VIEWS = get_args(View)
-MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view over that of the room, or of the domain with its rulers
+MARGIN = {"3d": 1.06, "close": 1.06}  # ratio of the view's size to that of the room, or of the domain with rulers
 OBLIQUE = (-0.38, -0.8, 1.05)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
 REFINEMENTS = 6  # iterations for the 3-D view, in which the size in the image is nonlinear in the distance
@@ -48,15 +48,15 @@ def camera_for(
         centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(z_range) / 2])
         scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres per pixel
         centre[:2] += scale / 2 * np.array([right - left, top - bottom])
-        # Slightly south of straight down, so that z stays upright when the view is turned.
+        # The eye is slightly south of the centre, so that z stays upright when the view is turned.
         return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
     fov = math.radians(FOV_3D) if fov is None else fov
-    # The corners of the box that the view shows; in the view "close" also the numbers of the rulers.
+    # The view shows the corners of a box; the view "close" shows the numbers of the rulers, too.
     (x0, y0, x1, y1), (low, high) = picture.bounds if view == "3d" else picture.focus, picture.z_range
-    room = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
-    if view == "3d" and room:  # a room stands on a floor at z = 0; the room of a measurement is unknown
-        low, high = 0.0, float(max([*room, high]))
+    heights = [one.segments[..., 2].max() for one in picture.lines if one.name.startswith("room") and one.segments.size]
+    if view == "3d" and heights:  # a room stands on a floor at z = 0; the room of a measurement is unknown
+        low, high = 0.0, float(max([*heights, high]))
     if picture.floor is not None and picture.floor.heights is not None:
         high = max(high, picture.floor.height + float(picture.floor.heights.max()))
     box = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)]

@@ -113,7 +113,7 @@ def landscape_bytes(file_format: str, panels: LandscapePanels, drawn: dict[str, 
 
 
 SIDES = 60  # number of sides of the polygon that is drawn for an ellipse
-MARK_SCALE = 2 / 3  # size of the marks over that of marks on a map; smaller, because there are many
+MARK_SCALE = 2 / 3  # ratio of the size of the marks to that of marks on a map; below 1, because there are many
 
 
 def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figure:
@@ -189,7 +189,7 @@ def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positio
         label = "_"  # one entry of the legend for all
 
 
-ROWS = 12  # number of microphones that are listed, beginning with the first
+ROWS = 12  # largest number of microphones in the table
 
 
 def calibration_html(result: Calibration) -> str:
@@ -236,8 +236,8 @@ class Replay:
 def show_calibration(self: Calibration) -> Replay:
     """Return the run as a page that plays inside a notebook; it is the page that `fdcal replay` writes to a file.
 
-    The solver runs again to the same end. On the page a microphone can be dragged. If array and field are plane and the
-    known microphones fix the axes, the page can also take steps of the paper's method.
+    The solver runs again, with the same result. On the page a microphone can be dragged. If array and field are plane
+    and the known microphones fix the axes, the page can also take steps of the paper's method.
 
     Returns
     -------
@@ -262,7 +262,7 @@ def show_calibration(self: Calibration) -> Replay:
         remedy = "show what fdcal.calibrate returns, or write a page with the command fdcal replay"
         raise InputError("this result was read from a file, which holds no measurement", remedy, key="run")
     run = self.run
-    states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # the run may have been stopped
+    states = list(takewhile(lambda state: state.step <= run.step, run.states()))  # a run may have been stopped
     measurement = replace(run.measurement, search=search_around(states[-1].positions, run.measurement.search))
     sought = self.counted([n for n, name in enumerate(self.names) if name in (self.known or ())])
     problem = replace(run.problem, search=measurement.search)

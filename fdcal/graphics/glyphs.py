@@ -18,7 +18,7 @@ def lift(points, z: float) -> np.ndarray:
 
 
 def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:
-    """Return a flat ring around each centre (P, 3): 2 `corners` vertices each, inner and outer in turn."""
+    """Return a flat ring around each centre (P, 3), with `corners` inner and `corners` outer vertices in turn."""
     angles = np.repeat(2 * np.pi * np.arange(corners) / corners, 2)
     reach = np.tile([radius - width / 2, radius + width / 2], corners)
     circle = np.stack([reach * np.cos(angles), reach * np.sin(angles), 0 * angles], axis=1)
@@ -31,8 +31,8 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
 def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
     """Return a flat bar along each segment (S, 2, 3), four vertices each, `extension` metres longer at each end."""
     along = _unit(segments[:, 1] - segments[:, 0])
-    level = _unit(along * [1.0, 1.0, 0.0])
-    side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
+    across = _unit(along * [1.0, 1.0, 0.0])
+    side = width / 2 * np.stack([-across[:, 1], across[:, 0], 0 * across[:, 0]], axis=1)
     start, end = segments[:, 0] - extension * along, segments[:, 1] + extension * along
     vertices = np.stack([start - side, end - side, end + side, start + side], axis=1)
     return vertices.reshape(-1, 3), _copies(QUAD, 4, len(segments))

@@ -26,7 +26,7 @@ BRIGHTEST = 0.3  # fraction of white on a slope that faces the light
 def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
     """Return the surface of a map with `heights` (ny, nx) : points (ny + 2, nx + 2, 3) float64, metres.
 
-    It goes through the middles of the cells and up to the edges of the map.
+    It goes through the centres of the cells and extends to the edges of the map.
     """
     x, y = np.meshgrid(*(
         low + length * np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])
@@ -35,7 +35,7 @@ def relief_grid(floor: Floor, heights: np.ndarray) -> np.ndarray:
     return np.stack([x, y, floor.height + np.pad(np.asarray(heights, float), 1, mode="edge")], axis=-1)
 
 
-SIDES = (0.28, 0.4)  # shades of the sides perpendicular to x and to y: 0 is the background, 1 the colour of the texts
+SIDES = (0.28, 0.4)  # shades of the sides perpendicular to x and to y: 0 is the background, 1 the colour of texts
 
 
 def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
@@ -51,7 +51,7 @@ def relief_sides(floor: Floor, theme: Theme) -> tuple[Mesh, ...]:
     return tuple(meshes)
 
 
-RELIEF_HEIGHT = 0.22  # height of the highest cost over the longer side of the map; low, so that no hill hides a minimum
+RELIEF_HEIGHT = 0.22  # ratio of the greatest height to the longer side of the map; low, so that no hill hides a minimum
 
 
 def cost_floor(
@@ -96,17 +96,17 @@ def cost_floor(
 
 
 def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, height: float, **more) -> Floor:
-    """Return a map over the cells of a lattice of (ny, nx) nodes, each in the middle of its cell."""
+    """Return a map over the cells of a lattice of (ny, nx) nodes; each node is the centre of its cell."""
     (ny, nx), step = rgb.shape[:2], search.step
     origin = (search.origin[0] - step / 2, search.origin[1] - step / 2)
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
 
-SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs over which the colours, and the heights, vary
+SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs at the ends of the colours, and of the heights
 
 
 def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:
-    """Return the costs of the first and the last colour; costs beyond have the same colours.
+    """Return the costs of the first and the last colour; lower and higher costs have the same colours.
 
     `cost`: array of any shape; `log`: whether the colours follow its logarithm, in which case they span at most
     DECADES; `percentiles`: those of `cost` at the first and the last colour, per cent.
@@ -169,7 +169,7 @@ def wave_floor(
     bar = ColourBar(-1.0, 1.0, f"pressure of {waves[-1][1]} (normalised to a peak of 1)", DIVERGING_COLOUR_MAP)
     rgb = to_rgb((1 + np.clip(fields[-1], -1, 1)) / 2, DIVERGING_COLOUR_MAP)
     crossings, curves, shape = np.zeros((0, 2)), list[Curve](), fields[-1].shape
-    x, y = (low + lattice.step * np.arange(n) for low, n in zip(lattice.origin, shape[::-1], strict=False))
+    x, y = (low + lattice.step * np.arange(count) for low, count in zip(lattice.origin, shape[::-1], strict=False))
     for (_, name), field, level in zip(waves, fields, levels, strict=True):
         paths = [np.asarray(path) for path in contour_generator(x, y, field).lines(level)] if marked else []
         pieces = [np.stack([path[:-1], path[1:]], axis=1) for path in paths]

@@ -16,7 +16,7 @@ from .glyphs import round_ticks, tick_texts
 from .marks import ESTIMATE, css
 
 MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
-WIDE, HIGH, EDGES = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
+WIDTH, HEIGHT, MARGINS = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
 POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, in units of the chart
 FEW = 4  # number of channels that a list shows
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
@@ -66,37 +66,37 @@ def chart(
     `labels`: texts of both axes, with units; `means`: horizontal lines, each with its two ends, its height and its
     text; `red`: indices of the points that are red.
     """
-    left, top, right, bottom = EDGES
+    left, top, right, bottom = MARGINS
     low, high = min(0.0, float(y.min())), max(0.0, (1.35 if means else 1.15) * float(y.max()))
     first, last = float(x.min()), float(x.max())
 
     def across(value: float) -> float:
-        return left + 8 + (WIDE - left - right - 16) * (value - first) / max(last - first, 1e-9)
+        return left + 8 + (WIDTH - left - right - 16) * (value - first) / max(last - first, 1e-9)
 
     def down(value: Any) -> Any:
-        return HIGH - bottom - (HIGH - top - bottom) * (value - low) / max(high - low, 1e-9)
+        return HEIGHT - bottom - (HEIGHT - top - bottom) * (value - low) / max(high - low, 1e-9)
 
-    parts = [f"<path class='axes' d='M{left} {top}V{HIGH - bottom}H{WIDE - right}'/>"]
+    parts = [f"<path class='axes' d='M{left} {top}V{HEIGHT - bottom}H{WIDTH - right}'/>"]
     for value, text in zip(ticks := round_ticks(low, high, 4), tick_texts(ticks), strict=True):
         parts.append(f"<text x='{left - 5}' y='{down(value) + 4:.1f}' text-anchor='end'>{text}</text>")
     for value, text in zip(ticks := round_ticks(first, last, 5), tick_texts(ticks), strict=True):
-        parts.append(f"<text x='{across(value):.1f}' y='{HIGH - bottom + 14}' text-anchor='middle'>{text}</text>")
+        parts.append(f"<text x='{across(value):.1f}' y='{HEIGHT - bottom + 14}' text-anchor='middle'>{text}</text>")
     parts.append(f"<text x='{left}' y='10'>{labels[1]}</text>")
-    parts.append(f"<text x='{WIDE - right}' y='{HIGH - 3}' text-anchor='end'>{labels[0]}</text>")
+    parts.append(f"<text x='{WIDTH - right}' y='{HEIGHT - 3}' text-anchor='end'>{labels[0]}</text>")
     for a, b, level, word in means:
         parts.append(f"<path class='mean' d='M{across(a):.1f} {down(level):.1f}H{across(b):.1f}'/>")
         at, end = (a, "start") if a - first < last - b else (b, "end")
-        beside = [across(n) - across(at) for n in x]
+        beside = [across(value) - across(at) for value in x]
         covers = np.array([0 < (-d if end == "end" else d) + POINT < LETTER * len(word) + 2 * POINT for d in beside])
-        heights = down(level) - 5, down(level) + 13, top + 8  # of the word: over the line, below it, at the top
-        hidden = [np.sum(np.abs(down(y[covers]) - (at - 4)) < 5 + POINT) for at in heights]
-        place = f"x='{across(at):.1f}' y='{heights[int(np.argmin(hidden))]:.1f}' text-anchor='{end}'"
+        rows = down(level) - 5, down(level) + 13, top + 8  # of the word: above the line, below it, at the top
+        hidden = [np.sum(np.abs(down(y[covers]) - (row - 4)) < 5 + POINT) for row in rows]
+        place = f"x='{across(at):.1f}' y='{rows[int(np.argmin(hidden))]:.1f}' text-anchor='{end}'"
         parts.append(f"<text class='mean' {place}>{word}</text>")
     for i, (a, b) in enumerate(zip(x, y, strict=True)):
-        parts.append(
-            f"<circle class='{'wrong' if i in red else ''}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='{POINT}'/>"
-        )
-    return f"<svg class='chart' viewBox='0 0 {WIDE} {HIGH}' role='img' aria-label='{labels[1]}'>{''.join(parts)}</svg>"
+        kind = "wrong" if i in red else ""
+        parts.append(f"<circle class='{kind}' cx='{across(a):.1f}' cy='{down(b):.1f}' r='{POINT}'/>")
+    box = f"viewBox='0 0 {WIDTH} {HEIGHT}'"
+    return f"<svg class='chart' {box} role='img' aria-label='{labels[1]}'>{''.join(parts)}</svg>"
 
 
 def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:

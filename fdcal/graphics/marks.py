@@ -1,8 +1,8 @@
 """The marks of a picture: one table of shape, colour, size and word, which every renderer reads.
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
-orange diamond, faulty channels violet circles with a bar. Marks differ in shape, and their colours also differ for
-colour-blind readers. A white halo around each keeps it legible on the map and on any background.
+orange diamond, faulty channels violet circles with a bar. Marks differ in shape, and colour-blind readers can
+distinguish their colours, too. A white halo around each keeps it legible on the map and on any background.
 
 In a scene marks are flat meshes with a size in metres, not in pixels. In a legend they are symbols, either SVG or
 images. Figures of matplotlib use a marker for each. The pages of replays and the film get the table as JSON. Lengths
@@ -99,7 +99,7 @@ MARKS = {
             "minima", "other minimum", "diamond", LOWEST, 2.2, 0.45, 0.25,
             size=0.55, line=0.16, line_halo=0.16, marker="D", points=4.0, stroke=1.5,
         ),
-        # the halo makes its symbol visible on a dark page
+        # its halo makes the symbol visible on a dark page
         Mark("isosurfaces", "isosurface", "rings", LOW_COST, size=0.66, line=0.2),
         Mark("trails", "trail", "line", TRAIL, line_halo=0.0),
         Mark("ellipses", "error ellipse (95 %)", "ellipse", ELLIPSE, size=0.8, line_halo=0.0),
@@ -276,7 +276,7 @@ def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
 
 
 def plot_marks(panel: Any, name: str, places, scale: float = 1.0, label: str = "") -> None:
-    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo; `label` : in the legend."""
+    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo and, in the legend, `label`."""
     if places is None or not len(places):
         return
     from matplotlib import patheffects

@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # the volume loads SciPy
 Box = tuple[float, float, float, float]
 Part = Lines | Mesh | Label
 
-PLANE_WALLS = 0.12  # height of the walls of a plane room over its longer side
-MIN_SOURCE = 0.012  # least radius of the mark of a source that is visible, over the longer side of the room
+PLANE_WALLS = 0.12  # ratio of the height of the walls of a plane room to its longer side
+MIN_SOURCE = 0.012  # least ratio of the radius of a visible source's mark to the longer side of the room
 FAINTER = 0.32  # fraction of the background in the colour of less important lines
 EMPTY_MARGIN = 0.1  # m around the microphones if there is no search domain
 
@@ -72,7 +72,7 @@ HEIGHT_TICKS = "frame_ticks"  # name of the ticks of the z ruler, which coincide
 def frame(focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme) -> list[Part]:
     """Return the outline of the search domain with its rulers, and for an array in space the edges above its base.
 
-    In the view from the top the numbers of the z ruler would coincide; there renderers show the label "frame/range".
+    In the view from the top the numbers of the z ruler would coincide; renderers show the label "frame/range" instead.
     """
     (x0, y0, x1, y1), (low, high), tick = focus, z_range, 1.2 * marker_radius
     level, corners = low + layer_height(Layer.FRAME, marker_radius), [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
@@ -120,17 +120,17 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
         # The lines of the box cross the array; therefore they are fainter than the foreground.
         colour, width = mixed(theme.foreground, theme.background, FAINTER), 1.0
-        first = lines("room/box", box, theme.grid, 1.0)
+        enclosure = lines("room/box", box, theme.grid, 1.0)
     else:
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
-        first = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
+        enclosure = mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12)
         colour, width = theme.foreground, 2.0
-    parts = [first, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
+    parts = [enclosure, lines("room/grid", grid, theme.grid, 1.0), lines("room/edges", edges, colour, width)]
     places = glyphs.lift(sources, layer_height(Layer.SOURCE, marker_radius))
     seen_whole = several or scene.room.dimension == 3  # then the room may be far larger than the array
     radius = max(marker_radius, MIN_SOURCE * extent) if seen_whole else marker_radius
     angles = np.pi / 4 * np.arange(4)
-    arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of the star for a source
+    arms = 2 * radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)  # of a source's star
     for number, place in enumerate(places):
         name, text = (f"source/{number}", f"source, take {number}") if several else ("source", "source")
         parts += strokes(name, place + np.stack([-arms, arms], axis=1), radius, 0.4, "microphones/true")
@@ -177,7 +177,7 @@ def name_place(
 
 
 NOMINAL = (("microphones/true", "nominal"), ("microphones/error", "deviation"))  # captions for nominal positions
-PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker over the longer side of the search domain
+PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # ratio of a marker's radius to the longer side of the search domain
 
 
 def compose(
@@ -189,7 +189,7 @@ def compose(
     title: str = "",
     dark: bool = False,
 ) -> Picture:
-    """Return the whole picture; `microphone`: the selected one, which is drawn larger and named."""
+    """Return the whole picture; `microphone`: the selected one, which is drawn larger and with its name."""
     picture = static_picture(scene, measurement, dark, floor)
     if positions is not None:
         picture = with_estimate(picture, measurement, positions, microphone, floor)
@@ -274,10 +274,10 @@ def with_estimate(
     truth = measurement.aligned_truth(positions) if truth is None else truth
     radius, base, known = picture.marker_radius, picture.z_range[0], measurement.known
     estimates, errors, away = np.asarray(positions, float), None, None
-    crossed = np.ones(len(estimates), bool)  # without the known ones whose square would hide the cross
+    crossed = np.ones(len(estimates), bool)  # False for a known microphone whose square would hide the cross
     if len(known):
         crossed[known] = np.linalg.norm(estimates[known] - measurement.known_positions, axis=1) > radius
-    if truth is not None:  # lines from each true position to its estimate, unless the marks hide them
+    if truth is not None:  # a line from each true position to its estimate, unless the marks hide it
         away = np.linalg.norm(estimates - truth, axis=1)
         far = away > radius
         on_relief = floor is not None and floor.heights is not None and estimates.shape[1] == 2
@@ -289,9 +289,9 @@ def with_estimate(
     positions = drape(positions, floor, radius)
     if truth is not None and measurement.blind:
         moved = marks.true_microphones(truth, picture.z_range, radius, picture.theme)
-        still = ("microphones/true", "microphones/stems")
-        meshes = tuple(part for part in picture.meshes if not part.name.startswith(still))
-        kept = tuple(part for part in picture.lines if not part.name.startswith(still))
+        unmoved = ("microphones/true", "microphones/stems")
+        meshes = tuple(part for part in picture.meshes if not part.name.startswith(unmoved))
+        kept = tuple(part for part in picture.lines if not part.name.startswith(unmoved))
         picture = replace(picture, meshes=meshes, lines=kept).plus(*moved)
     if errors is not None and len(errors):
         picture = picture.plus(*strokes("microphones/error", errors, radius))
@@ -348,7 +348,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the least factor that makes half of the ellipses visible beside `extent`, metres.
+    """Return the least of 1, 2, 5, 10, ... by which half of the ellipses become visible beside `extent`, metres.
 
     `axes` (N, D, D), metres, half axes in rows, the longest last.
     """
@@ -442,7 +442,7 @@ def along(points: Reals, fraction: float) -> Reals:
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
     """Return the centre (3,), metres, of a ball at `place` (D,); over a valley narrower than the ball it is higher."""
     ball = BALL_RADIUS * picture.marker_radius
-    ground = _on(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
+    ground = _on_map(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
     above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of marks on a map
     return ground if len(place) == 3 else ground + [0.0, 0.0, above + 0.75 * ball]
 
@@ -465,8 +465,8 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
         drawn.append(mesh("ball/shadow", glyphs.annuli(shadow[None], 0.55 * ball, 1.1 * ball), (0, 0, 0), 0.3))
     if path is not None and len(path) > 1:
         rise = 0.0 if in_space else layer_height(Layer.MINIMUM, picture.marker_radius)
-        way = _on(np.asarray(path, float), floor, base) + [0.0, 0.0, rise]
-        colour = picture.theme.foreground if in_space else WHITE  # visible on what is below it
+        way = _on_map(np.asarray(path, float), floor, base) + [0.0, 0.0, rise]
+        colour = picture.theme.foreground if in_space else WHITE  # it contrasts with what lies below the path
         drawn.append(lines("ball/path", np.stack([way[:-1], way[1:]], axis=1), colour, PATH_WIDTH))
     raised = text or in_space or (floor is not None and floor.heights is not None)
     above = {"position": tuple(centre.tolist()), "anchor": "bottom-center", "lift": 1.3 * ball} if raised else {}
@@ -482,7 +482,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
     return replace(picture, meshes=meshes, labels=labels).plus(*drawn)
 
 
-def _on(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
+def _on_map(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
     """Return points (P, 3), metres, on a map: at its highest point within a radius, or at its level if it is flat."""
     draped = drape(points, floor, radius)
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)

@@ -16,7 +16,7 @@ Colour = tuple[int, int, int]
 
 
 def mixed(one: Colour, other: Colour, fraction: float) -> Colour:
-    """Return a colour between two, `fraction` of the way from the first to the second."""
+    """Return the colour at `fraction` of the way from one colour to the other."""
     red, green, blue = (round((1 - fraction) * a + fraction * b) for a, b in zip(one, other, strict=True))
     return red, green, blue
 
@@ -37,9 +37,8 @@ DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 
 # For a projector: large, and with the greatest contrast.
 LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(168, 172, 180), text=1.5, marks=1.4)
 LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
-
-
-THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}  # True if dark; usual and projector themes
+# By whether the page is dark: the usual theme, and that for a projector.
+THEMES = {False: (LIGHT, LECTURE_LIGHT), True: (DARK, LECTURE_DARK)}
 
 
 def fractions(colour: Colour) -> tuple[float, float, float]:
@@ -133,7 +132,7 @@ class Label:
 
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:
-    """Return texts by priority: names, axes, numbers, those of z last. Of two that overlap, the first is drawn."""
+    """Return texts in the order of priority: names, axes, numbers, and the texts of z; a text hides later ones."""
     names, numbers = [], []
     for label in labels:
         (numbers if label.name.startswith("frame/") else names).append(label)

@@ -5,9 +5,9 @@ from other files; its content security policy forbids this. Its parts are in `re
 contains step, microphone, modes and view (`replay_page/address.js`), so that a link leads to a state.
 
 packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). Integers of four bytes are stored as
-           differences along the first axis. Of every array the lowest bytes of all values come first, then the second
-           ones and so on, so that values that hardly change compress well. The compression is that of zlib, which
-           browsers call "deflate"
+           differences along the first axis. An array begins with the lowest bytes of all its values, followed by the
+           second lowest bytes and so on, because values that hardly change then compress well. The compression is that
+           of zlib, which browsers call "deflate"
 map_data   the data with which the browser computes the cost of moving any microphone, at any state, with any modes
            (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and the gains and noise of
            the channels. It has only modes whose expansion at the order of `fdcal.cost.eq7` has fewer functions than
@@ -57,12 +57,12 @@ def packed(arrays: Mapping[str, np.ndarray]) -> dict:
         if code == "i4" and len(values):
             values = np.concatenate([values[:1], np.diff(values, axis=0)]).astype(values.dtype)
         flat = np.ascontiguousarray(values, values.dtype.newbyteorder("<")).reshape(-1, 1)
-        content += flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()  # the lowest byte of all values first
+        content += flat.view(np.uint8).reshape(len(flat), -1).T.tobytes()  # the lowest bytes of all values first
     return {"arrays": listed, "bytes": base64.b64encode(zlib.compress(content, 9)).decode("ascii")}
 
 
 MAX_PRESSURES = 200_000  # largest number of pressures in a file, 0.8 MB before compression
-LEVELS = 32767  # integer for the largest real or imaginary part of a mode; rounding errors are 96 dB below it
+LEVELS = 32767  # integer for the largest real or imaginary part of a mode; rounding errors are 96 dB lower
 
 
 def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str, np.ndarray]] | None:
@@ -76,7 +76,7 @@ def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str
         return None
     carried = carried_modes(problem, reference_cost.order_offset)
     kept = slice(0, max(1, MAX_PRESSURES // problem.pressures.shape[1]))
-    modes, search, own = carried.modes[kept], problem.search, ("order_offset", "ample_modes", "known_weight")
+    modes, search, names = carried.modes[kept], problem.search, ("order_offset", "ample_modes", "known_weight")
     descends = problem.dimension == problem.array_dimension == 2 and fixes_gauge(problem.known_positions)
     descends = descends and settings.order_offset <= carried.order_offset  # a step may not exceed the order of the maps
     data = {
@@ -94,19 +94,19 @@ def map_data(problem: Problem, settings: SolverSettings) -> tuple[dict, dict[str
         "depth": DEPTH,
         "few": FEW_MODES,
         "colours": to_rgb(np.arange(256) / 255).ravel().tolist(),
-        "descent": {name: getattr(settings, name) for name in own} if descends else None,
+        "descent": {name: getattr(settings, name) for name in names} if descends else None,
     }
     pressures, k = problem.pressures[modes], np.asarray(problem.wavenumbers[modes], complex)
-    channel = np.sqrt(np.mean(np.abs(pressures) ** 2, axis=0))
-    channel[channel == 0] = 1.0
-    parts = _parts(pressures) / channel[:, None]
-    mode = np.abs(parts).max(axis=(1, 2), initial=0.0)
-    mode[mode == 0] = 1.0
+    channel_rms = np.sqrt(np.mean(np.abs(pressures) ** 2, axis=0))
+    channel_rms[channel_rms == 0] = 1.0
+    parts = _parts(pressures) / channel_rms[:, None]
+    mode_peak = np.abs(parts).max(axis=(1, 2), initial=0.0)
+    mode_peak[mode_peak == 0] = 1.0
     return data, {
         "wavenumbers": _parts(k),
-        "pressures": np.rint(parts / mode[:, None, None] * LEVELS).astype("<i2"),
-        "mode_scale": (mode / LEVELS).astype("<f8"),
-        "channel_scale": channel.astype("<f8"),
+        "pressures": np.rint(parts / mode_peak[:, None, None] * LEVELS).astype("<i2"),
+        "mode_scale": (mode_peak / LEVELS).astype("<f8"),
+        "channel_scale": channel_rms.astype("<f8"),
     }
 
 
@@ -152,7 +152,7 @@ def page_html(title: str, runs: Sequence[dict], opens_at: str = "", lesson: dict
         "TITLE": escape(title),
         "STYLE": (PAGE / "page.css").read_text(encoding="utf-8"),
         "SCRIPT": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
-        "DATA": text.replace("<", "\\u003c"),  # so that no tag can end in it
+        "DATA": text.replace("<", "\\u003c"),  # so that no text can end the element <script> that contains it
     }
     return filled((PAGE / "page.html").read_text(encoding="utf-8"), page)
 
@@ -177,7 +177,8 @@ def run_data(
     changed to the numbers of the states that are kept.
     """
     search, truth = measurement.search, measurement.positions
-    if search is not None and truth is not None and measurement.blind:  # states are drawn moved onto the true positions
+    if search is not None and truth is not None and measurement.blind:
+        # The states are drawn in the frame of the true positions, and so is the search domain.
         search = search_around(states[-1].positions, search, truth)
         measurement = replace(measurement, search=search)
         problem = None if problem is None else replace(problem, search=search)
@@ -236,9 +237,9 @@ def _state_data(
     arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
     arrays["positions"] = np.rint((positions - origin) / unit).astype("<i4")
     if corrected:
-        none = np.ones(measurement.count)
-        gains = np.array([none if (one := state.channels) is None else one.gains for state in states], complex)
-        noise = np.array([none if (one := state.channels) is None else one.noise for state in states], float)
+        uncorrected = np.ones(measurement.count)
+        gains = np.array([uncorrected if (one := state.channels) is None else one.gains for state in states], complex)
+        noise = np.array([uncorrected if (one := state.channels) is None else one.noise for state in states], float)
         arrays |= {"gains": _parts(gains).astype("<f4"), "noise": noise.astype("<f4")}
     if reference_cost is not None:  # dB; interpolated between MAX_COSTS states at most, and `ends`
         computed = np.union1d(evenly_spaced(len(states), MAX_COSTS), ends).astype(int)

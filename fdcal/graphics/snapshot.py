@@ -1,6 +1,6 @@
 """A picture drawn off-screen by pyvista, to a PNG file or bytes, with title, labels, legend and colour bar.
 
-The legend has exactly the marks that are drawn. Page and PNG use the same entries in the same order.
+The legend lists exactly the marks that are drawn. Page and PNG use the same entries in the same order.
 
 A child process draws, so that a crash of the GL library does not end the caller, and VTK's memory is released. Only
 the main thread of the child uses GL.
@@ -52,7 +52,7 @@ def drawn_png(picture: Picture, size: tuple[int, int], view: str) -> bytes:
     import pyvista
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
-    if picture.surfaces:  # VTK does not sort translucent surfaces with the other kind of anti-aliasing
+    if picture.surfaces:  # with multisampling, VTK does not sort translucent surfaces
         plotter.enable_anti_aliasing("ssaa")
         plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
     else:
@@ -125,12 +125,12 @@ LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the pixels of one point of text: 1 in an image 800 pixels high, which has a 16-pixel font."""
+    """Return the number of pixels in a point of text: 1 in an image 800 pixels high, whose font has 16 pixels."""
     return min(size[0] / 1000, size[1] / 800)
 
 
 def font(points: float) -> ImageFont.FreeTypeFont:
-    """Return the font of all texts in a size in pixels."""
+    """Return the font of all texts in a size, pixels."""
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
     return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(points, SMALLEST_FONT))
 

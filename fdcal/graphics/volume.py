@@ -110,13 +110,13 @@ def volume_of(
     low, high = colour_limits(cost, log, (WHOLE[0], SHOWN[1]))
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
     levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
-    # the innermost first: an outer surface is drawn over the inner ones
+    # The innermost comes first, because an outer surface is drawn over the inner ones.
     parts = [isosurface(decibels, search, level) for level in levels]
     colours = to_rgb(normalise(10 ** (np.array(levels) / 10), low, high, log)) if levels else np.zeros((0, 3), np.uint8)
     bar = ColourBar(low, high, f"{label} (relative to the power)")
     if log:
         bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), f"{label} (dB)")
-    # one surface of all isosurfaces: a row of the texture for each, its columns from dark to bright
+    # All isosurfaces form one surface. Each has a row of the texture, whose columns go from dark to bright.
     light = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
     count, first = len(parts), 0
     vertices, faces, places = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2))]
@@ -130,7 +130,7 @@ def volume_of(
     texture = np.zeros((max(count, 1), SHADES, 4), np.uint8)
     brightness = np.linspace(DARKEST, 1.0, SHADES)[:, None]
     for row, colour in enumerate(colours):
-        fraction = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
+        fraction = 1.0 if count == 1 else row / (count - 1)  # 0 for the innermost isosurface
         texture[row, :, :3] = np.rint(brightness * colour)
         texture[row, :, 3] = round(255 * (OPACITY[1] + fraction * (OPACITY[0] - OPACITY[1])))
     surface = Surface(
@@ -205,7 +205,7 @@ def layer_floor(
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
     """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
 
-    `modes`: number of the highest mode that is summed; only carried modes are (`fdcal.cost.eq7.carried_modes`).
+    `modes`: number of the highest mode of the sum, which contains only carried modes (`fdcal.cost.eq7.carried_modes`).
     """
     problem = inputs.measurement.problem(inputs.settings.weights)
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1

@@ -3,8 +3,9 @@
 A fast thread computes a map over the solver's own lattice, many times a second while the user drags a microphone. When
 nothing changes, a slow thread computes the same map on a finer lattice, and stops as soon as another map is requested.
 
-The terms of the cost at the nodes (`fdcal.cost.maps`) take most of the time of a volume, the cost of one microphone in
-space. They are kept until microphone, modes or positions change, so that another scale does not compute them again.
+A volume is the cost of one microphone in space. Its computation mainly consists of the terms of the cost at the nodes
+(`fdcal.cost.maps`). These terms are kept until microphone, modes or positions change, so that a change of the scale
+does not compute them again.
 """
 
 from collections.abc import Callable, Collection
@@ -56,7 +57,7 @@ class CostMapRequest:
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # counted from 1
     order_offset: int | None  # added to ceil(k R) in a map of Eq. 7; None for a map of what the solver minimises
-    custom_modes: bool  # whether the user has chosen the modes; otherwise they are those that the solver uses
+    custom_modes: bool  # whether the user has chosen the modes; otherwise the solver's modes are shown
     style: MapStyle
     follow: bool = field(compare=False)  # whether a map of another microphone may be shown instead
     state: RunState = field(compare=False)  # state of the solver
@@ -79,7 +80,7 @@ class CostMapRequest:
 
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
-    """Return name and unit of the quantity of a map: that which the method minimises, or Eq. 7."""
+    """Return name and unit of the quantity that a map shows: the cost that the method minimises, or Eq. 7."""
     together = run.solver.TRAITS.moves_all
     if request.order_offset is not None:
         name = "Eq. 7, for comparison" if together else "cost, Eq. 7"
@@ -110,9 +111,9 @@ def map_modes(
     """Return the modes of a map, counted from 1.
 
     `state`: state of the solver; `chosen`: modes that the user has chosen. Without them a map shows the modes that
-    the solver uses; a map of Eq. 7 shows those of them that the microphones can carry, if there are any:
-    modes whose expansion has fewer functions than there are microphones (`fdcal.cost.eq7`).
-    `order_offset`: that of a map of Eq. 7; None for a map of what the solver minimises.
+    the solver uses. Of these a map of Eq. 7 shows only the carried modes, if there are any: modes whose expansion has
+    fewer functions than there are microphones (`fdcal.cost.eq7`). `order_offset`: that of a map of Eq. 7; None for a
+    map of what the solver minimises.
     """
     if chosen is not None:
         return chosen
@@ -122,7 +123,7 @@ def map_modes(
 
 
 def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tuple[int, ...]:
-    """Return the modes up to `last`, counted from 1, that the microphones can carry in a map of Eq. 7.
+    """Return the carried modes up to `last`, counted from 1, for a map of Eq. 7.
 
     These are all modes if there is no search domain, or for a map of what the solver minimises (`order_offset` None).
     """
@@ -214,7 +215,7 @@ COARSE_PIXELS = 80  # pixels of a layer along its longer edge
 
 # Limits that leave processor time to a running solver:
 PAUSE = 0.15  # s, least time between two maps
-LOAD = 4  # least time between two maps, over the time that a map takes
+LOAD = 4  # least ratio of the time between two maps to the time that a map takes
 FOLLOW_TIME = 0.6  # s, least time for which the map of a microphone is shown while the page follows the solver
 DRAG_TIME = 1.0  # s, longest time for which an old map is shown while a microphone is dragged
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
@@ -225,7 +226,7 @@ class CostMapWorker:
 
     def __init__(self, run: PreparedRun, threads: Scheduler):
         self._run, self._since = run, 0.0
-        # values, and isosurfaces, of the last coarse (key False) and fine (True) volume
+        # values and isosurfaces of the last coarse volume, key False, and of the last fine one, key True
         self._sampled, self._drawn = ({False: Memo(), True: Memo()} for _ in range(2))
         self._costs, self._fine_costs = Memo(), Memo()  # costs and minima of the last map on each thread
         self.worker = threads.worker(self._compute, quick=True)
@@ -287,8 +288,8 @@ class CostMapWorker:
         if sampled is None:
             state, n, modes = request.state, request.microphone, request.modes
             offset = ORDER_OFFSET if request.order_offset is None else request.order_offset
-            of = state.positions, n, modes, offset, state.channels
-            terms = maps.cost_volume(self._run.problem, *of, cancelled, negligible)
+            problem, x = self._run.problem, state.positions
+            terms = maps.cost_volume(problem, x, n, modes, offset, state.channels, cancelled, negligible)
             sampled = None if terms is None else sampled_volume(terms, points, cancelled)
             if sampled is None:
                 return None
@@ -314,8 +315,9 @@ class CostMapWorker:
         if request.style.kind == "shape":
             state, shown = request.state, modes if len(modes) <= MAX_WAVES else modes[-1:]
             names = [(mode, row_label(run.measurement, mode)) for mode in shown]
-            own = state.order_offset, state.channels, z_range_of(run.known_scene, run.measurement)[0]
-            floor = wave_floor(run.problem, state.positions, n, names, *own, request.style.minima)
+            height = z_range_of(run.known_scene, run.measurement)[0]
+            of_state = state.order_offset, state.channels
+            floor = wave_floor(run.problem, state.positions, n, names, *of_state, height, request.style.minima)
             return CostMap(request, floor, None, 0.0, 0.0)
         if (found := self._costs.get(request.key)) is None:
             total = maps.cost_maps(run.problem, run.solver, request.state, n, modes, offset, search).sum(axis=0)

@@ -1,8 +1,9 @@
 """Microphones that a user selects or drags over their map; a released microphone rolls downhill.
 
 An invisible disc, the handle, lies over every estimated position. viser reports the handle that is dragged and the
-position of the pointer on a plane that faces the camera. From it `MicrophonePicker` computes a position at the height
-of the microphone. The handles are discs because a busy page sometimes reports NaN for the pointer on a solid.
+position of the pointer on a plane that faces the camera. `MicrophonePicker` continues the line of sight through this
+position to the height of the microphone. The handles are discs because a busy page sometimes reports NaN for the
+pointer on a solid.
 
 While a microphone is dragged, the session does not change. The scene shows the microphone at the pointer, the cost
 there and the path downhill, which a thread computes. When the microphone is released, it rolls along the path into the
@@ -112,7 +113,7 @@ class Drop:
         self._ended: object = None  # the state of the session in which the microphone has come to rest
         self._count = 0  # number of states at the last tick
         self._cost = Memo()  # cost of the map, lattice and basins; used by the thread only
-        self.tries = self.home = 0
+        self.tries = self.reached = 0
         self.worker = binding.threads.worker(self._compute, quick=True)
         overlay.acts[CONTINUE] = lambda client, value: binding.tabs.run_bar.toggle()
         overlay.acts["dismiss"] = lambda client, value: overlay.show("words", "")
@@ -152,7 +153,7 @@ class Drop:
         """Return the microphone that is dragged or rolls, at the time `now`, s; None if there is none."""
         self._droppable = drawn is not None and drawn.request.style.kind != "shape"
         if view.count == 1 and self._count > 1:
-            self.tries = self.home = 0
+            self.tries = self.reached = 0
             self._say("")
         elif view.running or (self._drag is None and self._ended is not None and view.state is not self._ended):
             self._ended = None
@@ -194,7 +195,7 @@ class Drop:
             return MovingMicrophone(drag.microphone, (*place.tolist(), *height), "", descent.path.points)
         if self._rest(view, drag, end, now):
             if descent.home is not None:
-                self.tries, self.home = self.tries + 1, self.home + descent.home
+                self.tries, self.reached = self.tries + 1, self.reached + descent.home
             self._say(descent.text, ended=True)
         return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
@@ -218,7 +219,7 @@ class Drop:
         text, kind = f"<div>{escape(words)}</div>" if words else "", ""
         if self.tries:
             kind = 'class="first"'
-            text += f"<p>{self.home} of {counted(self.tries, 'drop')} reached the true position</p>"
+            text += f"<p>{self.reached} of {counted(self.tries, 'drop')} reached the true position</p>"
         text += f'<button {kind} data-do="{CONTINUE}">Continue from here</button>' if ended else ""
         self._overlay.show("words", text)
 
@@ -245,8 +246,8 @@ class Drop:
         return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
 
 
-NUMBERS = itertools.count()  # for the names of the nodes of handles, which must differ
-Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, place, number of the gesture, whether it ends
+NUMBERS = itertools.count()  # for the names of the handles' nodes, which must differ
+Move = Callable[[int, np.ndarray, int, bool], None]  # gets microphone, position, gesture, and whether it ends
 
 
 class MicrophonePicker:
@@ -296,7 +297,7 @@ class MicrophonePicker:
             return
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         level, sight = float(self._shown[index, 2]), point - eye
-        # Only a line of sight that goes down meets the height of the microphone. NaN, as of a busy page, fails as well.
+        # A line of sight meets the height of the microphone only if it goes down. NaN from a busy page fails this, too.
         if level < eye[2] and sight[2] < -1e-9 * np.linalg.norm(sight):
             place = (eye + sight * ((level - eye[2]) / sight[2]))[:2]
             place = np.clip(place, self._low[:2], self._high[:2])

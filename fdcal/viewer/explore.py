@@ -1,8 +1,8 @@
 """The layout Explore: a bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
 
 A browser opens with this layout; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`),
-so that a lecturer may use the panels while all others see the canvas. The commands of the bar are declared with the
-controls of the panels (`Binding.commands`).
+so that a lecturer can use the panels while all others see only the canvas. The commands of the bar are declared with
+the controls of the panels (`Binding.commands`).
 
 Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for
 uploads, and are kept in a private temporary folder until the server ends. The page accepts files only if no other
@@ -43,7 +43,7 @@ from .tabs.view import KINDS
 
 MAX_BYTES = 500_000_000  # largest size of all files that a page accepts
 MAX_FILES, MAX_NAME = 1000, 100  # largest number of files of one request, and of characters of a name
-NO_ROOM = f"the page accepts at most {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files: use fdcal view FILE"
+TOO_LARGE = f"the page accepts at most {MAX_BYTES // 1_000_000} MB and {MAX_FILES} files: use fdcal view FILE"
 RECORDING, LIST = "recording", "positions"  # purpose of a file: name of its field in the form
 SOURCES = "auto", "impulse", "stationary"
 FORM = Path(__file__).with_name("own_files.html")
@@ -121,7 +121,7 @@ class OwnFiles:
 
     def _refuse(self, client: int, delivered: Delivered) -> None:
         self.forget(client)
-        self._complaint, delivered.uploaded.content = NO_ROOM, content("upload", "refused")
+        self._complaint, delivered.uploaded.content = TOO_LARGE, content("upload", "refused")
         self._wake()
 
     def open(self, client: viser.ClientHandle, value: str) -> None:
@@ -171,7 +171,7 @@ class OwnFiles:
 
 THUMB = 44  # pixels, of the drawing of a scene
 MARGIN = 5  # pixels, at the edges of the drawing
-DOT = 8.5  # radius of a microphone, pixels, times the square root of the number of microphones
+DOT = 8.5  # product of a microphone's radius, pixels, and the square root of the number of microphones
 CURVE_POINTS, CURVE_HEIGHT = 120, 20  # largest number of points, and height, of the curve along a run
 LECTURE = "Lecture mode: larger type, no panels (key H)"
 SHARED = ("Replay (HTML)", PICTURE)  # kinds of file in the sheet Share
@@ -240,7 +240,7 @@ class Explore:
 
     def __init__(self, page: PageParts, lessons: LessonsTab, own_files: OwnFiles | None):
         self._page, self._lessons, self._own_files, overlay = page, lessons, own_files, page.panels.overlay
-        self._names = scene_names()  # read once, because the bar is written in every turn of the main loop
+        self._names = scene_names()  # read once, because the bar is written in every iteration of the main loop
         self._own: tuple[sources.OpenRequest, str] | None = None  # the last file shown, and its drawing
         overlay.acts["scene"] = self._open
         overlay.acts["opened"] = lambda client, _: self._open(client, "")
@@ -286,9 +286,9 @@ class Explore:
         step = "Step"  # the label of the button describes the next step
         if not running and not state.finished:
             n = state.next_microphone(viewer.run.problem)
-            one = n >= 0 and f"Move microphone {escape(measurement.names[n])} to its lowest point"
-            step = one or "Move all microphones by one step"
-        # a map can lack some frequencies that the solver uses
+            one = f"Move microphone {escape(measurement.names[max(n, 0)])} to its lowest point"
+            step = one if n >= 0 else "Move all microphones by one step"
+        # the map may lack frequencies that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))
         in_a_row = 1 < len(modes) == modes[-1] - modes[0] + 1

@@ -87,7 +87,7 @@ def status(
 ) -> str:
     """Return the lines at the top of the main panel.
 
-    `fault` is an exception of the page itself, as text; `sought` are the numbers of the microphones whose errors are
+    `fault` is an exception of the page itself, as a text; `sought` are the numbers of the microphones whose errors are
     averaged, by default all; `found` is the assessment of the state, or None; `left_out` are the names of microphones
     that are not averaged because their channels are faulty.
     """
@@ -98,7 +98,7 @@ def status(
     if error and left_out:  # one word replaces another, because an additional line would move the buttons
         why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
         error = f"<span title='{escape(why)}'>Healthy</span>"
-    kept = state.best_positions is not state.positions  # while the run tries another start
+    kept = state.best_positions is not state.positions  # True while the run tries another start
     used = tuple(range(state.first, state.last + 1))
     verdict = [] if found is None else [found.verdict]
     rows = {
@@ -161,7 +161,7 @@ EXPLORE = {
 
 
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = "") -> str:
-    """Return the legend on the canvas: `hint`, how to read the map; its colour bar, if any; and the marks drawn."""
+    """Return the legend on the canvas: how to read the map (`hint`), its colour bar, if any, and the marks."""
     explore = re.compile("|".join(map(re.escape, EXPLORE)))
 
     def for_both_layouts(text: str) -> str:

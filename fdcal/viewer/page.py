@@ -6,7 +6,7 @@ Otherwise its controls replace the old ones. Browsers stay connected, and the ch
 
 `AddressBar` keeps the view in the page's address after #: a link opens the same view (`fdcal.model.address`). In a
 lesson the page writes lesson and part, which determine everything else. Otherwise it writes scene, method, step,
-microphone (none where the map follows the solver), modes and map. Each browser adds its camera. The key "layout",
+microphone (unless the map follows the solver), modes and map. Each browser adds its camera. The key "layout",
 "explore" or "expert", belongs to one browser and is not sent to the server (`server/page.js`).
 """
 
@@ -55,7 +55,7 @@ class Page:
 
     `lessons` are listed in this order. `on_progress` is called with the progress of the first session in words, and
     with "" when it is ready or refused. `takes_files`: whether users may upload files, which requires that no other
-    machine can reach the page. `viewer` belongs to the session that is shown, or is None.
+    machine can reach the page. `viewer` is that of the session that is shown, or None.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Page:
     def changed(self) -> bool:
         """Whether the screen may be outdated, or something on it moves."""
         woken = self.wake.is_set()
-        if woken:  # an unconditional `clear` could lose a wake-up that arrives in between
+        if woken:  # an unconditional `clear` could lose a wake-up that arrives after `is_set`
             self.wake.clear()
         viewer, cameras = self.viewer, self.nodes.cameras
         return woken or viewer is None or viewer.changing or not self.switcher.idle or bool(cameras.requests)
@@ -183,7 +183,7 @@ class Page:
         try:
             with self.server.atomic():
                 new = Viewer(self, run, old and old.binding.choices)
-                if old is not None:  # its controls leave the scene
+                if old is not None:  # remove its controls and handles
                     old.picker.handles.remove()
                     self.panels.overlay.show("words", "")
                     old.binding.remove()

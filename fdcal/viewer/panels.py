@@ -79,8 +79,8 @@ class Panels:
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first
 
 
-# Shortcuts for commands of buttons. Each is also in the page's list of commands, Ctrl+K. viser moves the camera
-# with W, A, S, D, Q, E and the arrows, so none of them is used here. A key does nothing while a text is typed.
+# Shortcuts for commands of buttons. Each is also in the page's list of commands, Ctrl+K. viser moves the camera with
+# W, A, S, D, Q, E and the arrows, so none of them is used here. A key does nothing while a text is typed.
 KEYS = {  # for the name of each key: what the key does, and the command of a control or of the page
     "R": ("Play or pause", "play"),
     "N": ("One step", "step=Step"),
@@ -260,10 +260,11 @@ class SolverTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, state, settings = binding, binding.session.view.state, binding.run.scene.solver
         modes, problem = binding.modes, binding.run.problem
-        in_space_or_plane = problem.array_dimension == problem.dimension
-        searchable = in_space_or_plane and problem.search is not None and fixes_gauge(problem.known_positions)
+        same_dimension = problem.array_dimension == problem.dimension
+        searchable = same_dimension and problem.search is not None and fixes_gauge(problem.known_positions)
         traits = {name: solvers.load(name).TRAITS for name in solvers.names()}
-        names = tuple(name for name, one in traits.items() if searchable or not one.needs_search)  # that can solve it
+        # the methods that can solve the problem
+        names = tuple(name for name, one in traits.items() if searchable or not one.needs_search)
         # the start of each method, unless another one is given
         self._starts = {name: one.starts[0] if one.starts else STARTS[0] for name, one in traits.items()}
         with binding.gui.add_folder("Settings", expand_by_default=False):
@@ -359,12 +360,13 @@ class Tabs:
     view: Any
 
     def __init__(self, panels: Panels, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
-        self.binding, self._place, self._raised = binding, place, ""  # the kind of map that `look` has chosen
+        self.binding, self._place = binding, place
+        self._raised = ""  # the kind of map that `look` has chosen
         self.parts, binding.tabs = list[Tab](), self
         modules = [import_module(f"{tabs.__name__}.{module.name}") for module in pkgutil.iter_modules(tabs.__path__)]
         kinds = {kind for module in modules for kind in vars(module).values() if isinstance(kind, type)}
-        found: list[Any] = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
-        for kind in sorted(found, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)):
+        classes: list[Any] = [kind for kind in {RunBar, SolverTab, *kinds} if issubclass(kind, Tab) and kind.where]
+        for kind in sorted(classes, key=lambda kind: (kind.where != RUN_BAR, kind.order, kind.__name__)):
             with panels.tabs[kind.where]:
                 binding.folders.append(folder := panels.gui.add_folder(None))  # a folder without a label is not visible
                 with folder:
@@ -378,7 +380,7 @@ class Tabs:
             self._raised = "volume" if "volume" in self.map.kinds else "relief"
             self.map.show_as(self._raised)
         elif view == "top":
-            if kind == self._raised:  # else another kind was chosen in between
+            if kind == self._raised:  # otherwise a user has chosen another kind since
                 self.map.show_as("flat")
             self._raised = ""
         self._place(client, view)

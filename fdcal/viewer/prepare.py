@@ -193,7 +193,7 @@ class Preparation:
             self.compiling = False
         self(1.0)
         if source.search is None:
-            if opening.states:  # a search domain around the last state, or around an estimate made for it
+            if opening.states:  # a search domain around the last state, or around an estimate made for this purpose
                 truth = source.positions if measurement.blind else None
                 source = replace(source, search=search_around(opening.states[-1].positions, truth=truth))
             else:
@@ -212,7 +212,7 @@ class Preparation:
         settings, reference_cost = solvers.with_mode_count(problem, scene.solver), reference_cost_of(problem)
         cost = None if reference_cost is None else reference_cost.of
         session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
-        try:  # a first map and a first step prepare what later ones use, so that the first click is answered at once
+        try:  # the first map and step load what later ones use, so that the first click is answered at once
             state = session.view.history[0]
             if solver.TRAITS.needs_search or opening.states:  # the step also checks that the solver can continue
                 solver.step(problem, state)

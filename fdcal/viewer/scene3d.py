@@ -48,7 +48,7 @@ class PageCamera:
 
     expert: bool = False  # whether the page shows the panels
     view: str = "top"  # the last view that was commanded, one of graphics.camera.VIEWS; "" for a `Camera`
-    fitted: tuple = ()  # the result of `Cameras._fitted` at that time
+    fitted: tuple = ()  # the result of `Cameras._fitted` when it was commanded
     camera: Camera | None = None  # the camera that was commanded, or None
     positions: tuple[tuple[float, float, float], ...] = ()  # the last positions at which it was placed, metres
     checks: int = 0  # number of checks of the canvas since the camera was placed
@@ -279,7 +279,7 @@ def relief_of(floor: Floor, heights: np.ndarray) -> "trimesh.Trimesh":
     grid = relief_grid(floor, heights)
     vertices = grid.reshape(-1, 3)
     u, v = (
-        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # else the colours of opposite edges mix
+        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # otherwise opposite edges would mix
         for places, low, size, count in zip(vertices.T[:2], floor.origin, floor.size, heights.shape[::-1], strict=True)
     )
     return textured(vertices, grid_faces(*grid.shape[:2]), np.column_stack([u, v]), floor.rgb)
@@ -323,7 +323,7 @@ class SceneNodes:
         self._labelled = server.scene.add_frame("/labelled", show_axes=False)
         self._texts = ""
         self._numbers = itertools.count()
-        self._replaced: list[tuple[str, float | None, Any]] = []  # name, since when, s, and the node that was replaced
+        self._replaced: list[tuple[str, float | None, Any]] = []  # name, time of the replacement, s, and old node
         self.cameras = Cameras(server)
 
     def show(self, picture: Picture) -> None:

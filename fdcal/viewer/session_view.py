@@ -61,10 +61,10 @@ class VerdictWorker:
         self._worker = threads.worker(self._compute)
 
     def of(self, view: SessionView, now: float) -> tuple[Assessment | None, bool, np.ndarray]:
-        """Return the assessment of the shown state, whether it is still expected, and which errors are averaged.
+        """Return the assessment of the shown state, whether it is still expected, and the microphones to average over.
 
-        The assessment is None before the end of a run. The errors that are averaged are those of the microphones that
-        are sought, without those whose channels the last assessment of this run found faulty. `now`: time, s.
+        The assessment is None before the end of a run. Errors are averaged over the microphones that are sought, except
+        those whose channels the last assessment of this run found faulty. `now`: time, s.
         """
         state = view.state
         if state is not self._state:
@@ -185,7 +185,7 @@ class Viewer:
         call = self._server.get_event_loop().call_soon_threadsafe
         self.binding = Binding(panels.gui, run, modes, page.open, before, page.wake.set, call)
         self.fault, self._fault_time = "", 0.0
-        self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # the view, its time, and its number of costs
+        self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # view, its time, number of costs
         self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
         self._selected = self.binding.choices.microphone  # the microphone of the map
         # position from which the last step has moved a microphone, and the time of the step
@@ -240,7 +240,7 @@ class Viewer:
         choices, tabs, frame, newest = self.binding.choices, self.tabs, self.binding.frame, self.run.session.view
         running = newest.running and self.view.running
         stepped = newest.lineage is self.view.lineage  # else a user has changed the state, which is shown at once
-        if not (running and stepped and 0 < now - self._viewed < RUN_INTERVAL):  # leaves the solver processor time
+        if not (running and stepped and 0 < now - self._viewed < RUN_INTERVAL):  # leaves processor time to the solver
             self.view, self._viewed, self._costs = newest, now, newest.costs.count
         newest = self.view
         found, assessing, sought = self._verdict.of(newest, now)

@@ -94,7 +94,7 @@ class Choices(MapStyle):
         return {key: getattr(self, key) for key in ("kind", "microphone", "modes", "order_offset", *SWITCHES)}
 
 
-SWITCHES = "log minima follow objective dark trails ellipses descending".split()  # saved, and true or false
+SWITCHES = "log minima follow objective dark trails ellipses descending".split()  # saved choices, true or false
 
 
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
@@ -161,9 +161,9 @@ RUN_BAR = "run bar"  # used like the name of a tab, for the controls above all t
 class Tab:
     """A part of a tab of one session. It creates its controls in `__init__`, and `show` brings them up to date.
 
-    `part`: its name in `Tabs`; `where`: name of the tab; `order`: rank among the parts of all tabs,
-    since a part may use those created before it; `interval`: least time between two updates, s; `plots`: plots of the
-    part, which may still have data to send.
+    `part`: its name in `Tabs`; `where`: name of the tab; `order`: rank among the parts of all tabs, since a part may
+    use those created before it; `interval`: least time between two updates, s; `plots`: plots of the part, which may
+    still have data to send.
     """
 
     part, where, order = "", "", 10

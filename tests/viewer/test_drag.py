@@ -215,7 +215,7 @@ def test_at_the_edge_of_the_map_there_is_no_minimum_to_be_trapped_in(opened):
     viewer.drop.move(9, search.origin + search.step * index, 1, True)
     turn_until(lambda: viewer.drop.tries == 1)
     off = 1e2 * np.linalg.norm(viewer.drop.worker.latest.result.path.points[-1] - viewer.run.measurement.positions[9])
-    assert f"At the edge of the map, {off:.0f} cm off" in said(page) and viewer.drop.home == 0 and off > 10
+    assert f"At the edge of the map, {off:.0f} cm off" in said(page) and viewer.drop.reached == 0 and off > 10
 
 
 def test_with_shift_or_without_a_map_a_microphone_stays_where_the_pointer_puts_it(opened):

@@ -59,7 +59,7 @@ NOT_READING = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code with which a connection is closed
 
 
-REFUSALS = collections.Counter[str]()  # log records of refused clients, of each kind
+REFUSALS = collections.Counter[str]()  # number of log records of refused clients, by kind
 
 
 def shortened(record: logging.LogRecord) -> bool:
@@ -82,7 +82,7 @@ log.addFilter(shortened)
 class GuardedConnection(ServerConnection):
     """A connection of websockets that passes on what `client_values` accepts, at a bounded rate."""
 
-    _left, _since, _waited = BURST, -math.inf, 0.0  # updates that are left, and times, s
+    _left, _since, _waited = BURST, -math.inf, 0.0  # updates left in the budget; last message and total delay, s
 
     async def recv(self, decode: bool | None = None):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
@@ -253,7 +253,7 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
         given |= {"create_connection": GuardedConnection, "logger": log}
         return serve(version_checked(handler), *arguments, **given)
 
-    mend()
+    install_workarounds()
     module.serve = restricted
     try:
         with contextlib.redirect_stdout(io.StringIO()):  # standard output belongs to the command line
@@ -279,8 +279,8 @@ def allowed_origins(host: str) -> list[re.Pattern[str]]:
     if host in ("0.0.0.0", "::", ""):
         with contextlib.suppress(OSError):  # a host whose own name does not resolve is still reached by other names
             names |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
-    words = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
-    return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE)]
+    alternatives = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
+    return [re.compile(rf"https?://({alternatives})(:\d+)?", re.IGNORECASE)]
 
 
 def is_loopback(host: str) -> bool:
@@ -310,7 +310,7 @@ def _drop_bad_updates(server: viser.ViserServer) -> None:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that only its own event loop can set; there viser sets it after every message.
+    """An event that only its own event loop can set; on this loop viser sets the event after every message.
 
     The method `wait` finds the event unset, and then queues its future. If another thread sets the event in between,
     `wait` never returns, because later calls of `set` find the event set and do nothing. The browser then gets no more
@@ -350,7 +350,7 @@ def encoded(
     return file.getvalue()
 
 
-def mend() -> None:
+def install_workarounds() -> None:
     """Replace viser's buffer and encoder by ours, for servers and clients created from now on."""
     servers: Any = _infra
     images: Any = _scene_api

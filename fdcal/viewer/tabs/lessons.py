@@ -286,8 +286,8 @@ class LessonsTab:
         if idle and viewer.binding.run is before.run:
             before.put_back(viewer, cameras)
         elif not idle or any(opening is request for request in requests):
-            self._returning, own = before, before.run.request_of(before.view, before.choices.to_save())
-            self._open(own, lambda shown: before.put_back(shown, cameras))
+            self._returning, request = before, before.run.request_of(before.view, before.choices.to_save())
+            self._open(request, lambda shown: before.put_back(shown, cameras))
 
     def leave(self) -> None:
         """End the lesson without restoring the page, because the user has opened something else."""
@@ -331,7 +331,7 @@ class LessonsTab:
         if fresh:  # because a step relies on the settings of the steps before it
             settings = [one for past in lesson.steps[: progress.number] for one in (past.page, past.then)] + settings
             settings = settings[max(i for i, one in enumerate(settings) if one.begins) :]
-            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # it undoes earlier runs
+            begun = max(i for i, one in enumerate(settings) if one.begins or one.reset)  # earlier runs have no effect
             settings = [replace(one, run=None) if i < begun else one for i, one in enumerate(settings)]
 
         with self._guarded():
@@ -345,8 +345,8 @@ class LessonsTab:
         viewer, setting = self._page.viewer, settings[-1]
         first = fresh or (self.progress.number == 0 and len(settings) == 1)
         place_all = self._page.nodes.cameras.request_all
-        own = viewer is not None and (self._before is None or viewer.binding.run is not self._before.run)
-        if viewer is not None and own and not first and viewer.binding.run.scene == scene:
+        of_lesson = viewer is not None and (self._before is None or viewer.binding.run is not self._before.run)
+        if viewer is not None and of_lesson and not first and viewer.binding.run.scene == scene:
             restarted = setting.begins or bool(setting.reset)
             before = viewer.binding.session.view
             if restarted:
@@ -393,10 +393,10 @@ class LessonsTab:
             return reached or now.state.finished or bool(now.error)
 
         self._ended = ended if setting.run else None
-        self._rest(viewer)
+        self._mark_named(viewer)
         self._then()
 
-    def _rest(self, viewer: Viewer) -> None:
+    def _mark_named(self, viewer: Viewer) -> None:
         """Mark the microphones that the step names, unless it still waits."""
         step, choice = self.progress.step, self.progress.choice
         marks = () if step is None or self._awaited else (step.page if choice < 0 else step.then).marks
@@ -408,7 +408,7 @@ class LessonsTab:
         if viewer is not None and self.progress.lesson is not None and self._pending is None:
             if self._ended is not None and self._ended(viewer.binding.session.view):
                 self._ended = None
-                viewer.binding.call(lambda: self._rest(viewer))
+                viewer.binding.call(lambda: self._mark_named(viewer))
             self._panel = viewer.tabs.microphones.panel(viewer.binding.choices.panel)
         self._page.panels.overlay.show("caption", self.caption)
 

@@ -1,8 +1,8 @@
 """The tab Map: microphone, modes and kind of the map, an animation that adds modes, and the power spectrum.
 
 The animation "Add frequencies one by one" adds modes to the map from the lowest up, or from a high one down, and counts
-the local minima of each sum. A thread computes its maps on the same fine lattice as the map that the page
-shows when nothing changes, so that both have the same local minima.
+the local minima of each sum. A thread computes its maps on the same fine lattice as the map that the page shows when
+nothing changes, so that both have the same local minima.
 """
 
 from collections.abc import Callable, Iterator
@@ -253,7 +253,7 @@ class SweepTab(Tab):
             self.playing = None
             return
         sequence = self._sequence()
-        after = first_of(sequence, self._binding.choices.modes or ())  # after the last map the sweep begins again
+        after = first_of(sequence, self._binding.choices.modes or ())  # a sweep that is complete begins again
         self._revision, self.playing = self._binding.state.revision, Playback(after % len(sequence))
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
@@ -307,14 +307,14 @@ class SweepTab(Tab):
         """
         sweep, style, last = self._sweep, wanted.style, self._last
         if sweep is not None and style.kind == "flat":
-            of = sweep.request
-            same = replace(wanted, modes=of.modes, custom_modes=True, style=of.style) == of
-            count = first_of(of.modes, wanted.modes)
-            if same and style.log == of.style.log and 0 < count <= len(sweep.frames):
+            own = sweep.request
+            same = replace(wanted, modes=own.modes, custom_modes=True, style=own.style) == own
+            count = first_of(own.modes, wanted.modes)
+            if same and style.log == own.style.log and 0 < count <= len(sweep.frames):
                 swept = sweep.frames[count - 1]
                 floor = swept.floor and replace(swept.floor, show_minima=style.minima)
-                shown, of = replace(swept, request=wanted, floor=floor, fine=True), (swept, style.minima)
-                self._last = self._drawn.get(*of) or self._drawn.keep(shown, *of)  # the same object while shown
+                shown, key = replace(swept, request=wanted, floor=floor, fine=True), (swept, style.minima)
+                self._last = self._drawn.get(*key) or self._drawn.keep(shown, *key)  # the same object while shown
                 return self._last, ""
         if drawn is None and not reason and self.playing is not None and last is not None:
             kept = last.request.microphone == wanted.microphone and last.request.style == wanted.style
@@ -332,8 +332,8 @@ class SweepTab(Tab):
         for sums in partial_sums(run.problem, run.solver, request.state, n, request.modes, offset, search):
             if not self.worker.wants(request):
                 return
-            of = replace(request, modes=tuple(sorted(sums.modes)))
-            sweep.frames.append(cost_map(run, of, sums.cost, search, sums.minima))
+            part = replace(request, modes=tuple(sorted(sums.modes)))
+            sweep.frames.append(cost_map(run, part, sums.cost, search, sums.minima))
             yield
 
     def show(self, state: PageState) -> None:
@@ -343,8 +343,8 @@ class SweepTab(Tab):
             self._wanted = self.worker.requested = None  # the curve belongs to another state
         if (playing is not None or self._revision == state.revision) and not state.view.running:
             style, order = MapStyle(log=choices.log), choices.map_order
-            of = state.revision, state.microphone, self._sequence(), order, True, style, False, state.view.state, None
-            self._wanted = CostMapRequest(*of)
+            of_map = state.revision, state.microphone, self._sequence(), order, True, style
+            self._wanted = CostMapRequest(*of_map, False, state.view.state, None)
             self.worker.newest(self._wanted)
         latest, sweep = self.worker.latest, self._sweep
         self.made = sweep = sweep if sweep is not None and sweep.request == self._wanted else None

@@ -82,9 +82,8 @@ class MicrophonesTab(Tab):
     def panel(self, name: str) -> str:
         """Return the panel of a lesson, by its name in `LessonSetting.panel`; "" while its content is not known."""
         state, view = self._binding.state, self._binding.state.view
-
-        of = self._binding.measurement, view.history[: view.index + 1], state.found
-        return self._panel(lambda: lesson_panel(name, *of), name, view.state, view.index, state.found)
+        data = self._binding.measurement, view.history[: view.index + 1], state.found
+        return self._panel(lambda: lesson_panel(name, *data), name, view.state, view.index, state.found)
 
     def inputs(self, state: PageState) -> tuple:
         """Return the values on which plot and tables depend."""
