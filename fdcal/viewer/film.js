@@ -1,12 +1,13 @@
 // The opening: modes are added to a map with many minima until one is left, and a microphone rolls into it. Each browser
-// plays it independently, from data in the page (`fdcal.viewer.opening`) and without messages of the server. A touch or a
-// key ends it. Its last picture stays until the map of the session, if there is one, is drawn.
+// plays it independently, from data in the page (`fdcal.viewer.opening`) and without messages from the server. A touch or
+// a key ends it. The last picture stays until the map of the session is context, if there is one.
 //
-// Three canvases: shadow and ground below, the relief in WebGL, marks and texts above. Lengths are metres, y is up in the
-// map; colours follow the browser's preference.
+// There are three canvases: the shadow below, the relief in WebGL, and marks and texts above. Lengths are metres; y points
+// up in the map. Colours follow the browser's preference.
 (() => {
 "use strict";
 const root = document.getElementById("fdcal-film"), data = JSON.parse(root.querySelector("script").textContent);
+// n: points along an edge of a map; K: number of maps; starts: times, s, at which they begin.
 const {n, origin, size, height, starts, minima, path, known} = data, K = minima.length, END = starts[K] + data.roll;
 const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const levels = bytes(data.levels), colours = bytes(data.colours);
@@ -20,9 +21,9 @@ if (!gl || document.documentElement.hasAttribute("data-linked")) { root.remove()
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2], cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]), unit = a => a.map(v => v / Math.hypot(...a));
 const TOWARDS = unit(data.direction), RIGHT = unit(cross(TOWARDS.map(v => -v), [0, 0, 1])), UP = cross(TOWARDS, RIGHT);
-const half = Math.tan(data.fov / 2);
+const slope = Math.tan(data.fov / 2);  // of the upper edge of the field of view
 function project({eye, wide, tall}, p) {
-  const d = plus(p, eye, -1), depth = -dot(d, TOWARDS), pixels = tall / (2 * depth * half);
+  const d = plus(p, eye, -1), depth = -dot(d, TOWARDS), pixels = tall / (2 * depth * slope);
   return [wide / 2 + dot(d, RIGHT) * pixels, tall / 2 - dot(d, UP) * pixels, pixels];
 }
 function marginsAfter(wide, tall) {
@@ -32,14 +33,14 @@ function marginsAfter(wide, tall) {
 function cameraFor(wide, tall, [left, bottom, right, top]) {
   const free = [Math.max(wide - left - right, 0.2 * wide), Math.max(tall - bottom - top, 0.2 * tall)];
   const middle = [(left + wide - right) / 2, (top + tall - bottom) / 2], ends = [0, 1, 2].map(i => data.corners.map(c => c[i]));
-  let centre = ends.map(e => (Math.min(...e) + Math.max(...e)) / 2), seen = Math.max(...ends.map(e => Math.max(...e) - Math.min(...e))), camera;
-  const place = () => { camera = {eye: plus(centre, TOWARDS, seen / 2 / half), wide, tall}; };
+  let centre = ends.map(e => (Math.min(...e) + Math.max(...e)) / 2), span = Math.max(...ends.map(e => Math.max(...e) - Math.min(...e))), camera;  // span: metres that the image shows at the centre
+  const place = () => { camera = {eye: plus(centre, TOWARDS, span / 2 / slope), wide, tall}; };
   place();
-  for (let turn = 0; turn < 6; turn++) {
-    const at = data.corners.map(c => project(camera, c)), span = [0, 1].map(i => at.map(p => p[i])).map(e => [Math.min(...e), Math.max(...e)]);
-    const off = span.map(([low, high], i) => ((low + high) / 2 - middle[i]) * seen / tall);
+  for (let iteration = 0; iteration < 6; iteration++) {
+    const at = data.corners.map(c => project(camera, c)), box = [0, 1].map(i => at.map(p => p[i])).map(e => [Math.min(...e), Math.max(...e)]);
+    const off = box.map(([low, high], i) => ((low + high) / 2 - middle[i]) * span / tall);
     centre = plus(plus(centre, RIGHT, off[0]), UP, -off[1]);
-    seen *= data.margin * Math.max(...span.map(([low, high], i) => (high - low) / free[i]));
+    span *= data.margin * Math.max(...box.map(([low, high], i) => (high - low) / free[i]));
     place();
   }
   return camera;
@@ -52,27 +53,31 @@ function moment(time) {
   while (index < K - 1 && time >= starts[index + 1]) index++;
   const change = Math.min((starts[index + 1] - starts[index]) / 2, data.change), linear = index ? Math.min((time - starts[index]) / change, 1) : 1;
   const rolled = Math.min(Math.max((time - starts[K]) / data.roll, 0), 1), ease = s => s * s * (3 - 2 * s);
-  return {index, share: ease(linear), rolled: ease(rolled), words: rolled < 1 ? data.words[linear < 1 ? index - 1 : index] : data.found, over: rolled >= 1};
+  return {index, fraction: ease(linear), rolled: ease(rolled), words: rolled < 1 ? data.words[linear < 1 ? index - 1 : index] : data.found, over: rolled >= 1};
 }
+// Lengths along the path of the ball from its start to each point, metres.
 const lengths = path.map((p, i) => i ? Math.hypot(p[0] - path[i - 1][0], p[1] - path[i - 1][1]) : 0).map((sum => v => sum += v)(0));
-function along(share) {
-  const at = share * lengths.at(-1), i = Math.max(lengths.findIndex(v => v >= at), 1), part = (at - lengths[i - 1]) / (lengths[i] - lengths[i - 1] || 1);
+// The point at a fraction of the length of the path.
+function along(fraction) {
+  const at = fraction * lengths.at(-1), i = Math.max(lengths.findIndex(v => v >= at), 1), part = (at - lengths[i - 1]) / (lengths[i] - lengths[i - 1] || 1);
   return [0, 1].map(axis => path[i - 1][axis] + part * (path[i][axis] - path[i - 1][axis]));
 }
 
+// The map on the screen: while a mode is added, a mixture of the last map and the next one.
 const mixed = new Float32Array(n * n);
 let ends = [0, 1];  // levels between which colours vary, as in fdcal.graphics.heatmap
-function mix({index, share, from = Math.max(index - 1, 0)}) {
+function mix({index, fraction, from = Math.max(index - 1, 0)}) {
   const one = levels.subarray(index * n * n, (index + 1) * n * n), before = levels.subarray(from * n * n);
-  for (let i = 0; i < n * n; i++) mixed[i] = (share * one[i] + (1 - share) * before[i]) / 255;
-  ends = [0, 1].map(end => share * data.shown[index][end] + (1 - share) * data.shown[from][end]);
+  for (let i = 0; i < n * n; i++) mixed[i] = (fraction * one[i] + (1 - fraction) * before[i]) / 255;
+  ends = [0, 1].map(end => fraction * data.shown[index][end] + (1 - fraction) * data.shown[from][end]);
 }
+// The level of the map at a point, 0 to 1, by bilinear interpolation.
 function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
   return (1 - v + j) * ((1 - u + i) * mixed[at] + (u - i) * mixed[at + 1]) + (v - j) * ((1 - u + i) * mixed[at + n] + (u - i) * mixed[at + n + 1]);
 }
 // A mark rests on the highest point within its radius; over a valley that is too narrow, a ball rests on the rim.
-function on([x, y], radius) {
+function restingOn([x, y], radius) {
   const around = [-radius, 0, radius];
   return [x, y, height * Math.max(...around.flatMap(a => around.map(b => level(x + a, y + b))))];
 }
@@ -111,7 +116,8 @@ for (let j = 0; j < n - 1; j++) for (let i = 0; i < n - 1; i++) {
   const at = j * n + i;
   faces.push(at, at + 1, at + n + 1, at, at + n + 1, at + n);
 }
-const side = count => Array.from({length: n - 1}, (_, i) => [0, 1, n + 1, 0, n + 1, n].map(k => count + i + k)).flat();
+// A side is a strip of 2 n vertices, the upper ones first.
+const side = first => Array.from({length: n - 1}, (_, i) => [0, 1, n + 1, 0, n + 1, n].map(k => first + i + k)).flat();
 const surface = faces.length;
 faces.push(...side(n * n), ...side(n * n + 2 * n));
 const vertices = new Float32Array(5 * (n * n + 4 * n));
@@ -147,7 +153,7 @@ function drawRelief(camera) {
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   const far = 4 * Math.hypot(...plus(camera.eye, [origin[0], origin[1], 0], -1)), near = far / 40;
   for (const [name, value] of [["eye", camera.eye], ["right", RIGHT], ["up", UP], ["towards", TOWARDS]]) gl.uniform3fv(uniform(name), value);
-  gl.uniform4f(uniform("lens"), camera.tall / camera.wide / half, 1 / half, (far + near) / (far - near), -2 * far * near / (far - near));
+  gl.uniform4f(uniform("lens"), camera.tall / camera.wide / slope, 1 / slope, (far + near) / (far - near), -2 * far * near / (far - near));
   gl.drawElements(gl.TRIANGLES, surface, gl.UNSIGNED_SHORT, 0);
   theme().sides.forEach((colour, i) => {
     gl.uniform3fv(uniform("flank"), colour.map(v => v / 255));
@@ -157,32 +163,33 @@ function drawRelief(camera) {
 
 // --- below: the shadow; above: marks and texts
 
-// From the table of fdcal/graphics/marks.py: reach and width in radii of a marker. A known microphone is a disc in a ring.
+// From the table of fdcal/graphics/marks.py, with reach and width in radii of a marker. A known microphone is a disc in a
+// ring.
 const marks = data.marks, ringEdges = [1, -1].map(side => marks.true.reach + side * marks.true.width / 2);
-const knownRings = [[ringEdges[0] + marks.true.halo / 2, "#fff"], [ringEdges[0], marks.true.colour], [ringEdges[1], "#fff"], [marks.known.reach * Math.SQRT2, marks.known.colour]];
+const knownDiscs = [[ringEdges[0] + marks.true.halo / 2, "#fff"], [ringEdges[0], marks.true.colour], [ringEdges[1], "#fff"], [marks.known.reach * Math.SQRT2, marks.known.colour]];
 const theme = () => data.themes[dark.matches ? 1 : 0], css = colour => `rgb(${colour.join()})`;
 function pen(canvas, {wide, tall}) {
-  const ratio = canvas.width / wide, drawn = canvas.getContext("2d");
-  drawn.setTransform(ratio, 0, 0, ratio, 0, 0);
-  drawn.clearRect(0, 0, wide, tall);
-  return drawn;
+  const ratio = canvas.width / wide, context = canvas.getContext("2d");
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, wide, tall);
+  return context;
 }
-function trace(drawn, points, close) {
-  drawn.beginPath();
-  points.forEach(([x, y], i) => i ? drawn.lineTo(x, y) : drawn.moveTo(x, y));
-  if (close) drawn.closePath();
+function trace(context, points, close) {
+  context.beginPath();
+  points.forEach(([x, y], i) => i ? context.lineTo(x, y) : context.moveTo(x, y));
+  if (close) context.closePath();
 }
 function drawShadow(camera) {
-  const drawn = pen(below, camera), [x, y] = origin, [w, h] = size, away = [0.3, -0.3].map(v => v * 0.8 * height);
+  const context = pen(below, camera), [x, y] = origin, [w, h] = size, away = [0.3, -0.3].map(v => v * 0.8 * height);
   const corners = [[x, y], [x + w, y], [x + w, y + h], [x, y + h]].map(([a, b]) => project(camera, [a + away[0], b + away[1], 0]));
-  drawn.filter = `blur(${Math.max(camera.tall, camera.wide) / 70}px)`;
-  drawn.fillStyle = dark.matches ? "rgba(0, 0, 0, 0.75)" : "rgba(0, 0, 0, 0.3)";
-  trace(drawn, corners, true);
-  drawn.fill();
-  drawn.filter = "none";
+  context.filter = `blur(${Math.max(camera.tall, camera.wide) / 70}px)`;
+  context.fillStyle = dark.matches ? "rgba(0, 0, 0, 0.75)" : "rgba(0, 0, 0, 0.3)";
+  trace(context, corners, true);
+  context.fill();
+  context.filter = "none";
 }
-// Whether a point of the surface is visible: nothing between it and the eye is above the line of sight.
-function seen(camera, p) {
+// Whether a point of the surface is visible: the surface between this point and the eye is below the line of sight.
+function visible(camera, p) {
   const way = plus(camera.eye, p, -1), reach = 0.6 / Math.hypot(...way);
   for (let i = 2; i < 40; i++) {
     const [x, y, z] = plus(p, way, reach * i / 40);
@@ -192,91 +199,104 @@ function seen(camera, p) {
   }
   return true;
 }
-function drawMarks(camera, now) {
-  const drawn = pen(above, camera), {foreground, background} = theme(), r = Math.max(data.marker * project(camera, data.middle)[2], 4);
-  drawn.lineJoin = "round";
-  drawn.strokeStyle = css(foreground);
-  drawn.lineWidth = 1.3;
-  for (const [a, b] of data.frame) { trace(drawn, [project(camera, a), project(camera, b)]); drawn.stroke(); }
-  const halo = (text, x, y) => { drawn.lineWidth = 4; drawn.strokeStyle = css(background); drawn.fillStyle = css(foreground); drawn.strokeText(text, x, y); drawn.fillText(text, x, y); };
-  const spots = known.map(p => on(p, data.marker)).filter(p => seen(camera, p)).map(p => project(camera, p));
-  for (const [reach, colour] of knownRings) for (const [x, y] of spots) {
-    drawn.fillStyle = colour;
-    drawn.beginPath();
-    drawn.arc(x, y, reach * r, 0, 7);
-    drawn.fill();
+function drawMarks(context, camera, now, r) {  // r: radius of a marker, pixels
+  context.lineJoin = "round";
+  context.strokeStyle = css(theme().foreground);
+  context.lineWidth = 1.3;
+  for (const [a, b] of data.frame) { trace(context, [project(camera, a), project(camera, b)]); context.stroke(); }
+  const spots = known.map(p => restingOn(p, data.marker)).filter(p => visible(camera, p)).map(p => project(camera, p));
+  for (const [reach, colour] of knownDiscs) for (const [x, y] of spots) {
+    context.fillStyle = colour;
+    context.beginPath();
+    context.arc(x, y, reach * r, 0, 7);
+    context.fill();
   }
-  if (now.share == 1) for (const [places, {reach, colour: own}] of [[minima[now.index].others, marks.minima], [minima[now.index].lowest, marks.lowest]]) for (const place of places) {
-    const s = reach * data.marker, p = on(place, s);
-    if (!seen(camera, p)) continue;
-    trace(drawn, [[s, 0], [0, s], [-s, 0], [0, -s]].map(([x, y]) => project(camera, [p[0] + x, p[1] + y, p[2]])), true);
-    for (const [colour, width] of [["#fff", 5], [own, 2.8]]) { drawn.strokeStyle = colour; drawn.lineWidth = width; drawn.stroke(); }
+  if (now.fraction == 1) for (const [places, {reach, colour: own}] of [[minima[now.index].others, marks.minima], [minima[now.index].lowest, marks.lowest]]) for (const place of places) {
+    const s = reach * data.marker, p = restingOn(place, s);
+    if (!visible(camera, p)) continue;
+    trace(context, [[s, 0], [0, s], [-s, 0], [0, -s]].map(([x, y]) => project(camera, [p[0] + x, p[1] + y, p[2]])), true);
+    for (const [colour, width] of [["#fff", 5], [own, 2.8]]) { context.strokeStyle = colour; context.lineWidth = width; context.stroke(); }
   }
-  drawn.font = "12px system-ui, sans-serif";
+}
+function drawText(context, text, x, y) {
+  const {foreground, background} = theme();
+  Object.assign(context, {lineWidth: 4, strokeStyle: css(background), fillStyle: css(foreground)});
+  context.strokeText(text, x, y);
+  context.fillText(text, x, y);
+}
+// Draws the labels, without those that overlap an earlier one.
+function drawLabels(context, camera) {
+  context.font = "12px system-ui, sans-serif";
   const taken = [];
   for (const {text, at, anchor} of data.labels) {
-    const [vertical, horizontal] = anchor.split("-"), [x, y] = project(camera, at), half = drawn.measureText(text).width / 2 + 3;
+    const [vertical, horizontal] = anchor.split("-"), [x, y] = project(camera, at), half = context.measureText(text).width / 2 + 3;
     const middle = x + half * ({left: 1, right: -1}[horizontal] ?? 0);
     if (taken.some(([a, b, reach]) => Math.abs(a - middle) < reach + half && Math.abs(b - y) < 13)) continue;
     taken.push([middle, y, half]);
-    drawn.textAlign = horizontal;
-    drawn.textBaseline = {center: "middle"}[vertical] ?? vertical;
-    halo(text, x, y);
+    context.textAlign = horizontal;
+    context.textBaseline = {center: "middle"}[vertical] ?? vertical;
+    drawText(context, text, x, y);
   }
-  if (over) return;  // now the session draws the ball
-  const ball = marks.ball.reach * r, ground = on(along(now.rolled), marks.ball.reach * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
-  drawn.fillStyle = "rgba(0, 0, 0, 0.35)";
-  drawn.beginPath();
-  drawn.ellipse(x + 0.35 * ball, y + 0.55 * ball, ball, 0.6 * ball, 0, 0, 7);
-  drawn.fill();
-  const shine = drawn.createRadialGradient(x - 0.35 * ball, y - 0.4 * ball, 0.05 * ball, x, y, ball);
+}
+function drawBall(context, camera, now, r) {
+  const ball = marks.ball.reach * r, ground = restingOn(along(now.rolled), marks.ball.reach * data.marker), [x, y] = project(camera, plus(ground, [0, 0, 1.3 * data.marker]));
+  context.fillStyle = "rgba(0, 0, 0, 0.35)";
+  context.beginPath();
+  context.ellipse(x + 0.35 * ball, y + 0.55 * ball, ball, 0.6 * ball, 0, 0, 7);
+  context.fill();
+  const shine = context.createRadialGradient(x - 0.35 * ball, y - 0.4 * ball, 0.05 * ball, x, y, ball);
   [[0, "#ffffff"], [0.18, "#f2616d"], [0.6, marks.ball.colour], [1, "#8f0d1c"]].forEach(stop => shine.addColorStop(...stop));
-  drawn.fillStyle = shine;
-  drawn.beginPath();
-  drawn.arc(x, y, ball, 0, 7);
-  drawn.fill();
-  drawn.font = "600 14px system-ui, sans-serif";
-  drawn.textAlign = "center";
-  drawn.textBaseline = "bottom";
-  halo(data.name, x, y - 1.3 * ball);
+  context.fillStyle = shine;
+  context.beginPath();
+  context.arc(x, y, ball, 0, 7);
+  context.fill();
+  context.font = "600 14px system-ui, sans-serif";
+  context.textAlign = "center";
+  context.textBaseline = "bottom";
+  drawText(context, data.name, x, y - 1.3 * ball);
 }
 
 // --- the film
 
-const LONGEST = 100;  // ms by which the film advances between two pictures, at most
-let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, left = 0, lastMoment = null;
-// The session opens with the first map, at another position in the window; the film moves there in this time.
+const MAX_ADVANCE = 100;  // ms, largest time by which the film advances between two pictures
+// elapsed: time in the film, s; last: time of the last picture, ms; endedAt: index of the map at which the film ended.
+let elapsed = 0, last = Infinity, held = false, drawnKey = "", over = false, endedAt = 0, lastMoment = null;
+// The session shows the first map at another place in the window; after its end the film moves there in this time.
 const AFTER = 0.7;  // s
-const LONGEST_WAIT = 3000;  // ms to wait for the map of a session that is shown, which may have none
+const MAX_WAIT = 3000;  // ms, longest time to wait for a map after the session is shown, because a session may have none
 function after(time) {
-  const share = Math.min(time / AFTER, 1), ease = share * share * (3 - 2 * share);
-  return {index: 0, from: left, share: ease, rolled: 0, left: ease};
+  const linear = Math.min(time / AFTER, 1), ease = linear * linear * (3 - 2 * linear);
+  return {index: 0, from: endedAt, fraction: ease, rolled: 0, moved: ease};
+}
+function showTexts(now) {
+  words.textContent = now.words;
+  detail.textContent = data.about;
+  detail.style.visibility = now.over ? "hidden" : "";  // hidden text keeps its space, so that the button does not move
+  button.textContent = now.over ? "Your turn" : "Skip";
+  button.className = now.over ? "first" : "";
 }
 function draw(time) {
   const now = over ? after(time) : moment(time), wide = root.clientWidth, tall = root.clientHeight, ratio = Math.min(window.devicePixelRatio || 1, 2);
-  const key = [now.index, now.share, now.rolled, wide, tall, dark.matches, over].join();
-  if (!over) {
-    words.textContent = now.words;
-    detail.textContent = data.about;
-    detail.style.visibility = now.over ? "hidden" : "";  // hidden text keeps its space, so that the button does not move
-    button.textContent = now.over ? "Your turn" : "Skip";
-    button.className = now.over ? "first" : "";
-  }
+  const key = [now.index, now.fraction, now.rolled, wide, tall, dark.matches, over].join();
+  if (!over) showTexts(now);
   if (key == drawnKey || !wide || !tall) return;
   drawnKey = key;
   lastMoment = now;
   for (const canvas of [below, relief, above]) Object.assign(canvas, {width: Math.round(wide * ratio), height: Math.round(tall * ratio)});
-  const margins = data.margins.map((v, i) => v + (now.left ?? 0) * (marginsAfter(wide, tall)[i] - v)), camera = cameraFor(wide, tall, margins);
+  const margins = data.margins.map((v, i) => v + (now.moved ?? 0) * (marginsAfter(wide, tall)[i] - v)), camera = cameraFor(wide, tall, margins);
   mix(now);
   drawShadow(camera);
   drawRelief(camera);
-  drawMarks(camera, now);
+  const context = pen(above, camera), r = Math.max(data.marker * project(camera, data.middle)[2], 4);
+  drawMarks(context, camera, now, r);
+  drawLabels(context, camera);
+  if (!over) drawBall(context, camera, now, r);  // later the session draws the ball
 }
-// While the browser is busy, for example with loading the page, the film waits instead of skipping pictures.
+// If the browser is busy, for example because it loads the page, the film waits instead of skipping pictures.
 function play(time) {
   if (!root.isConnected) return;
   if (!held) {
-    elapsed += Math.min(Math.max(time - last, 0), LONGEST) / 1e3;
+    elapsed += Math.min(Math.max(time - last, 0), MAX_ADVANCE) / 1e3;
     draw(still ? (over ? AFTER : END) : elapsed);
   }
   last = time;
@@ -284,10 +304,14 @@ function play(time) {
 }
 function end() {
   if (over) return;
-  [over, elapsed, held, left] = [true, 0, false, lastMoment?.index ?? 0];
+  [over, elapsed, held, endedAt] = [true, 0, false, lastMoment?.index ?? 0];
   root.classList.add("over");
   document.documentElement.removeAttribute("data-film");
   for (const [kind, act] of listeners) removeEventListener(kind, act, true);
+  setTimeout(removeWhenDrawn, 1e3 * AFTER);
+}
+// Removes the film when the session has drawn its map, or has been shown for MAX_WAIT without one.
+function removeWhenDrawn() {
   // A node of this name may remain after its map was removed, so only a mesh counts.
   const drawn = () => ["/relief", "/floor"].some(name => {
     let found = false;
@@ -297,12 +321,12 @@ function end() {
   let since = 0;  // ms, time at which the session was first shown
   const look = () => {
     if (document.documentElement.hasAttribute("data-shown")) since ||= performance.now();
-    if (!drawn() && !(since && performance.now() - since > LONGEST_WAIT)) { setTimeout(look, 50); return; }
+    if (!drawn() && !(since && performance.now() - since > MAX_WAIT)) { setTimeout(look, 50); return; }
     root.classList.add("gone");
     document.documentElement.setAttribute("data-invited", "");  // invites the user to drag, now that the scene is shown (page.js)
     setTimeout(() => { gl.getExtension("WEBGL_lose_context")?.loseContext(); root.remove(); }, 500);
   };
-  setTimeout(look, 1e3 * AFTER);
+  look();
 }
 const MODIFIERS = ["Shift", "Control", "Alt", "AltGraph", "Meta", "Tab"];
 const listeners = [["pointerdown", event => { event.stopPropagation(); }], ["click", event => { event.stopPropagation(); event.preventDefault(); end(); }],

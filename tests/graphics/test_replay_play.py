@@ -109,12 +109,12 @@ def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
     drag(page, 10, 0)
     start = page.evaluate(TO_THE_EDGE)
     page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", start)
-    homes = page.evaluate("replay.own.homes")
+    homes = page.evaluate("replay.own.reached")
     page.mouse.up()
     wait_for(page, "replay.own.words.endsWith('off')")
     _, off = place_and_distance(page, run[1].positions[MICROPHONE])
     assert page.evaluate("replay.own.words") == f"At the edge of the map, {off} off"
-    assert page.evaluate("replay.own.homes") == homes
+    assert page.evaluate("replay.own.reached") == homes
 
 
 def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):

@@ -1,6 +1,7 @@
-// The address after # contains what is shown, for example #step=12&microphone=9&modes=1-20&view=top, so that a link leads
-// to a state. Keys and values are those of fdcal/model/address.py, whose table is data.address; `part` is a lesson's step.
-let writing = 0, themed = false;
+// The part of the address after # says what is shown, for example #step=12&microphone=9&modes=1-20&view=top, so that a link
+// leads to a state. Keys and values are those of fdcal/model/address.py, whose table is data.address; `part` is the step
+// of a lesson.
+let writeTimer = 0, themed = false;  // whether the address or the user has chosen the theme
 
 function readAddress(hash) {
   const asked = new URLSearchParams(hash.slice(1) || data.opens_at), refused = [];
@@ -34,8 +35,8 @@ function readAddress(hash) {
   });
   read("view", text => {
     const angles = text.split(",").map(v => Number(v) * Math.PI / 180);
-    if (angles.length == 1) look(text == "top");
-    else if (angles.length == 2 && angles[1] > 0 && angles[1] <= Math.PI / 2) look(false, ...angles);
+    if (angles.length == 1) setView(text == "top");
+    else if (angles.length == 2 && angles[1] > 0 && angles[1] <= Math.PI / 2) setView(false, ...angles);
     else return false;
   });
   read("zoom", text => {
@@ -55,7 +56,7 @@ function readAddress(hash) {
   $("note").textContent = refused.length ? `Not in this replay: ${refused.join(", ")}` : "";
 }
 
-// The first state of those shown whose value is nearest to the one wanted.
+// The first of the states in `range` whose value is nearest to the wanted one.
 function nearestState(values, wanted) {
   return values.reduce((best, value, t) => t <= range[1] && t > range[0] && Math.abs(value - wanted) < Math.abs(values[best] - wanted) ? t : best, range[0]);
 }
@@ -72,14 +73,14 @@ function addressNow() {
   return "#" + Object.entries(parts).filter(([, value]) => value || value === 0).map(pair => pair.join("=")).join("&");
 }
 
-// The address is written when nothing has changed for 0.25 s, because browsers limit how often it may change.
+// Writes the address when nothing has changed for 0.25 s, because browsers limit how often it may change.
 function writeAddress() {
-  clearTimeout(writing);
+  clearTimeout(writeTimer);
   if (playing || location.protocol == "about:") return;  // a page inside a notebook has no address of its own
-  writing = setTimeout(() => {
+  writeTimer = setTimeout(() => {
     if (addressNow() == location.hash) return;
     try { history.replaceState(null, "", addressNow()); } catch { location.replace(addressNow()); }
   }, 250);
 }
-// `writeAddress` may already have replaced `location.hash` by the previous address.
-window.addEventListener("hashchange", event => { clearTimeout(writing); playing = false; readAddress(new URL(event.newURL).hash); theme(document.documentElement.dataset.theme == "dark"); });
+// The event contains the new address; `writeAddress` may already have replaced `location.hash` by the previous one.
+window.addEventListener("hashchange", event => { clearTimeout(writeTimer); playing = false; readAddress(new URL(event.newURL).hash); theme(document.documentElement.dataset.theme == "dark"); });

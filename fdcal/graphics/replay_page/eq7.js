@@ -1,11 +1,13 @@
-// The cost of moving one microphone, mode by mode: fdcal/cost/maps.py in the browser.
+// Computes the cost of moving one microphone, for each mode, as fdcal/cost/maps.py does.
 //
-// With microphone n left out, W = Q S of the others and q = Q^H p, the cost with microphone n at x is
+// Let W = Q S be the QR decomposition of the dictionary of all microphones except n, and q = Q^H p. The cost with
+// microphone n at x is
 //   r0 + |p_n - y q|^2 / (1 + |y|^2),    y S = w(x),    r0 = |p - Q q|^2.
 // y q and |y|^2 have no wavenumber above 2 k: they are computed at Chebyshev nodes and interpolated onto the lattice.
 // Complex numbers are pairs, real part first.
 
-// J_0..J_L(z), or the spherical j_0..j_L(z), of complex z, by Miller's recurrence downwards, which loses no digits.
+// J_0..J_L(z), or the spherical j_0..j_L(z), of complex z, by Miller's downward recurrence, which is stable. Variables
+// with r and i are real and imaginary parts: a of order l + 1, b of order l, c of order l - 1.
 function bessel(zr, zi, L, spherical, out) {
   const size = zr * zr + zi * zi, length = Math.sqrt(size);
   out.fill(0);
@@ -14,7 +16,7 @@ function bessel(zr, zi, L, spherical, out) {
   const ir = zr / size, ii = -zi / size;  // 1 / z
   let ar = 0, ai = 0, br = 1e-60, bi = 0, sumr = 0, sumi = 0, central = 1;
   for (let m = 1; spherical && m <= start / 2; m++) central *= (2 * m - 1) / (2 * m);  // C(2m, m) / 4^m
-  for (let l = start; l >= 0; l--) {  // b holds order l, a order l + 1
+  for (let l = start; l >= 0; l--) {
     if (l <= L) { out[2 * l] = br; out[2 * l + 1] = bi; }
     if (l % 2 == 0) {  // J_0 + 2 J_2 + 2 J_4 ... = 1;  sum (4m + 1) C(2m, m) / 4^m j_2m = 1
       const weight = spherical ? (2 * l + 1) * central : l ? 2 : 1;
@@ -43,17 +45,18 @@ function functionsOf(kind, L) {
   return kind == "plane" ? 2 * L + 1 : kind == "layer" ? (L + 1) * (L + 2) / 2 : (L + 1) ** 2;
 }
 
-// Rows (C, K) of W at points (C, 3) relative to the centre, up to a factor of each column. kind: "plane", a field of two
-// dimensions; "layer", microphones in a plane of a field of three; "space".
+// Rows (C, K) of W at points (C, 3) relative to the centre, up to a factor of each column, which does not change the cost.
+// kind: "plane", a field of two dimensions; "layer", microphones in a plane, but a field of three dimensions; "space",
+// microphones and field of three dimensions.
 function rowsOf(points, kr, ki, L, kind) {
   const count = points.length / 3, K = functionsOf(kind, L), rows = new Float64Array(2 * count * K);
   const J = new Float64Array(2 * L + 2), cosines = new Float64Array(L + 1), sines = new Float64Array(L + 1);
   const legendre = new Float64Array((L + 1) ** 2);
   for (let c = 0, at = 0; c < count; c++) {
     const x = points[3 * c], y = points[3 * c + 1], z = kind == "space" ? points[3 * c + 2] : 0;
-    const across = Math.hypot(x, y), r = Math.hypot(across, z), turn = Math.atan2(y, x);
+    const across = Math.hypot(x, y), r = Math.hypot(across, z), angle = Math.atan2(y, x);
     bessel(kr * r, ki * r, L, kind != "plane", J);
-    for (let m = 0; m <= L; m++) { cosines[m] = Math.cos(m * turn); sines[m] = Math.sin(m * turn); }
+    for (let m = 0; m <= L; m++) { cosines[m] = Math.cos(m * angle); sines[m] = Math.sin(m * angle); }
     if (kind == "space") associated(r ? z / r : 1, r ? across / r : 0, L, legendre);
     for (let l = 0; l <= L; l++) {
       if (kind == "plane") {
@@ -90,26 +93,27 @@ function associated(cos, sin, L, out) {
 
 // The fit of one mode to all microphones except n: S, q and r0. rows (N, K), p (N), both interleaved.
 function fitWithout(rows, p, N, K, n) {
-  const M = N - 1, Q = [], S = new Float64Array(2 * K * K), q = new Float64Array(2 * K), left = new Float64Array(2 * M);
+  const M = N - 1, Q = [], S = new Float64Array(2 * K * K), q = new Float64Array(2 * K), residual = new Float64Array(2 * M);
   const others = [...Array(N).keys()].filter(i => i != n);
-  others.forEach((i, row) => { left[2 * row] = p[2 * i]; left[2 * row + 1] = p[2 * i + 1]; });
+  others.forEach((i, row) => { residual[2 * row] = p[2 * i]; residual[2 * row + 1] = p[2 * i + 1]; });
   for (let j = 0; j < K; j++) {
     const column = new Float64Array(2 * M);
     others.forEach((i, row) => { column[2 * row] = rows[2 * (i * K + j)]; column[2 * row + 1] = rows[2 * (i * K + j) + 1]; });
     const before = lengthOf(column);
-    for (let pass = 0; pass < 2; pass++) for (let i = 0; i < j; i++) if (Q[i]) {  // twice is enough for any W
-      const [re, im] = takeOut(column, Q[i]);
+    for (let pass = 0; pass < 2; pass++) for (let i = 0; i < j; i++) if (Q[i]) {  // two passes of Gram-Schmidt make Q orthogonal to rounding, for any W
+      const [re, im] = subtractProjection(column, Q[i]);
       S[2 * (i * K + j)] += re; S[2 * (i * K + j) + 1] += im;
     }
     const length = lengthOf(column);
     Q.push(length > 1e-12 * before ? column.map(v => v / length) : null);  // a dependent function adds nothing to the fit
     S[2 * (j * K + j)] = Q[j] ? length : 0;
-    if (Q[j]) [q[2 * j], q[2 * j + 1]] = takeOut(left, Q[j]);
+    if (Q[j]) [q[2 * j], q[2 * j + 1]] = subtractProjection(residual, Q[j]);
   }
-  return {S, q, r0: lengthOf(left) ** 2, K};
+  return {S, q, r0: lengthOf(residual) ** 2, K};
 }
 const lengthOf = values => { let sum = 0; for (const v of values) sum += v * v; return Math.sqrt(sum); };
-function takeOut(column, unit) {  // the projection onto a unit vector, which is subtracted
+// Subtracts from a column its projection onto a unit vector, and returns the coefficient of the projection.
+function subtractProjection(column, unit) {
   let re = 0, im = 0;
   for (let i = 0; i < unit.length; i += 2) {
     re += unit[i] * column[i] + unit[i + 1] * column[i + 1]; im += unit[i] * column[i + 1] - unit[i + 1] * column[i];
@@ -120,7 +124,7 @@ function takeOut(column, unit) {  // the projection onto a unit vector, which is
   return [re, im];
 }
 
-// |y|^2 and y q of rows (C, K) : three arrays (C) one after the other.
+// |y|^2, and the real and imaginary parts of y q, of rows (C, K): three arrays (C,), one after the other.
 function predictions(rows, {S, q, K}) {
   const count = rows.length / (2 * K), out = new Float64Array(3 * count), y = new Float64Array(2 * K);
   for (let c = 0; c < count; c++) {
@@ -141,10 +145,11 @@ function predictions(rows, {S, q, K}) {
   return out;
 }
 
-// Chebyshev nodes that hold wavenumbers up to 2 k along an edge, and the matrix from them to points on it.
+// Chebyshev nodes on an edge, as many as wavenumbers up to 2 k need, and the matrix (P, C) that interpolates from the
+// nodes to places on the edge, -1 to 1.
 const nodesOf = count => Array.from({length: count}, (_, i) => Math.cos(Math.PI * (i + 0.5) / count));
 const nodeCount = (k, edge) => 2 * Math.ceil((k * edge + 10 + 3 * Math.cbrt(k * edge)) / 2);
-function ontoPlaces(count, places) {  // places: -1 to 1
+function interpolationMatrix(count, places) {
   const nodes = nodesOf(count), matrix = new Float64Array(places.length * count);
   places.forEach((place, i) => nodes.forEach((node, j) => {
     let sum = 1 / count;
@@ -158,7 +163,7 @@ function ontoPlaces(count, places) {  // places: -1 to 1
 // Costs of a microphone over the search domain on a lattice of `points` along its longer edge, one mode after another.
 class Landscapes {
   constructor(maps, arrays, count, arrayDimension, points = Landscapes.POINTS) {
-    Object.assign(this, {maps, arrays, N: count, spatial: arrayDimension == 3, tables: new Map()});
+    Object.assign(this, {maps, arrays, N: count, spatial: arrayDimension == 3, matrices: new Map()});
     this.kind = maps.dimension == 2 ? "plane" : this.spatial ? "space" : "layer";
     const edge = maps.shape.map(count => count * maps.step), longest = Math.max(...edge);
     this.step = longest / points;
@@ -167,7 +172,8 @@ class Landscapes {
     this.shape = edge.map(e => Math.max(Math.round(e / this.step), 2));
     this.places = this.shape.map((count, axis) => Array.from({length: count}, (_, i) => this.corner[axis] + (i + 0.5) * this.step));
   }
-  // Pressures (N) of a mode at a state, corrected by the channels that the solver estimates; and the scale of each row.
+  // Pressures (N) of a mode at a state, divided by the gains that the solver estimates, and the scale of each row of W; both
+  // have unit noise.
   pressures(index, state) {
     const {pressures, mode_scale, channel_scale, gains, noise} = this.arrays, N = this.N;
     const p = new Float64Array(2 * N), scale = new Float64Array(N).fill(1);
@@ -183,14 +189,14 @@ class Landscapes {
     }
     return {p, scale};
   }
-  table(count, axis) {
+  matrix(count, axis) {
     const key = `${count} ${axis}`, half = this.edge[axis] / 2, middle = this.corner[axis] + half;
-    if (!this.tables.has(key)) this.tables.set(key, ontoPlaces(count, this.places[axis].map(v => (v - middle) / half)));
-    return this.tables.get(key);
+    if (!this.matrices.has(key)) this.matrices.set(key, interpolationMatrix(count, this.places[axis].map(v => (v - middle) / half)));
+    return this.matrices.get(key);
   }
-  // Cost (ny, nx) of the mode of an index with microphone n moved, the others at `positions` (N, 3), metres, and the power
-  // of its pressures; both in the unit of the pressures squared.
-  // For a step of descent: `centre` of the expansion, `weights` of the microphones (N), and `shift` of the orders.
+  // Cost (ny, nx) of the mode with an index if microphone n is moved and the others are at `positions` (N, 3), metres, and
+  // the power of the mode's pressures; both in the unit of the pressures squared. A step of descent also gives `centre`,
+  // the centre of the expansion, `weights` (N) of the microphones, and `shift`, which is added to the orders.
   map(index, n, positions, state, {centre, weights, shift = 0} = {}) {
     const {N, kind} = this, L = this.maps.orders[index] + shift, [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
     const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), power = lengthOf(p) ** 2;
@@ -213,8 +219,9 @@ class Landscapes {
     }
     return {cost, power};
   }
+  // Values (ny, nx) on the lattice, from values at cx by cy nodes.
   interpolate(values, [cx, cy]) {
-    const [nx, ny] = this.shape, X = this.table(cx, 0), Y = this.table(cy, 1);
+    const [nx, ny] = this.shape, X = this.matrix(cx, 0), Y = this.matrix(cy, 1);
     const half = new Float64Array(cy * nx), out = new Float64Array(ny * nx);
     for (let j = 0; j < cy; j++) for (let i = 0; i < nx; i++) {
       let sum = 0;
@@ -228,17 +235,19 @@ class Landscapes {
     return out;
   }
 }
-Landscapes.POINTS = 120;
-Landscapes.FINE = 480;  // of a map of few modes, whose narrow valleys have false minima on a coarse lattice
+Landscapes.POINTS = 120;  // points along the longer edge
+Landscapes.FINE = 480;  // for maps of few modes, whose narrow valleys would have false minima on a coarse lattice
 
-// What is marked on a map, as in fdcal/cost/scale.py: `lowest`, the lowest cost and the local minima that fit as well, and
-// `others`, the other minima, as flat indices; `count`: the number of local minima that do not lie at an edge.
+// The minima that a map marks, as flat indices, as in fdcal/cost/scale.py. `lowest`: the lowest cost and the local minima
+// that fit as well; `others`: the other minima; `count`: number of the local minima that do not lie at an edge. Points
+// are added to basins in the order of their cost; where two basins meet, the minimum of the higher one counts if it is
+// deeper than `depth`.
 function minimaOf(cost, nx, ny, {decades, depth}) {
   const order = Uint32Array.from(cost.keys()).sort((a, b) => cost[a] - cost[b]), basin = new Int32Array(cost.length).fill(-1);
   const high = cost[order[order.length - 1]], below = v => Math.log10(Math.max(v, 1e-300) / high);
   const span = Math.min(decades, -below(cost[order[0]])) || 1, values = Float64Array.from(cost, v => {
-    const share = 1 + below(v) / span;
-    return share < 0 ? 1e-6 * share : share;
+    const height = 1 + below(v) / span;
+    return height < 0 ? 1e-6 * height : height;  // costs below the scale stay in order, but count as equal
   });
   const survives = new Set(), root = i => {
     while (basin[i] != i) i = basin[i] = basin[basin[i]];

@@ -1,35 +1,37 @@
-// A lesson: the text, question and explanation of each step beside the scene, and the settings of its parts. A part has
-// only settings that differ from those of earlier parts; `range`: the states that it shows, which play if there are several.
-const lesson = data.lesson, SECONDS = 6;  // about as long as a run plays
-let stepAt = 0, answer = -1;  // numbers of the step and of the chosen answer, from 0; -1 before an answer is chosen
-let veiled = false;  // whether the explanation waits for the end of the run
+// Shows a lesson: text, question and explanation of each step beside the scene, and the scene with the settings of a part. A
+// step has one part before the answer and perhaps another one after it. A part has only the settings that differ from
+// those of earlier parts; `range`: the first and the last state that it shows, between which the run plays.
+const lesson = data.lesson, SECONDS = 6;  // about the time for which a run plays
+let stepAt = 0, answer = -1;  // indices of the step and of the chosen answer, which is -1 before the answer
+let awaitsEnd = false;  // whether the explanation is shown only when the run has ended
 let part = {}, ellipsed = false;  // the present part; whether error ellipses are drawn
-function unveil() { if (veiled && at >= range[1]) caption(); }
+function explainAtEnd() { if (awaitsEnd && at >= range[1]) showCaption(); }
 
 function enterStep(number, choice = -1) {
   const {steps} = lesson, parts = steps.slice(0, number).flatMap(one => one.parts).concat(steps[number].parts.slice(0, choice < 0 ? 1 : 2));
-  const own = parts.at(-1), set = Object.assign({}, ...parts.filter(one => one.run == own.run)), count = own.range[1] - own.range[0];
-  if (own.run != run) { visit(number, choice); return; }
-  stepAt = number; answer = choice; part = own; ellipsed = set.ellipses ?? false;
-  giveBack();
-  [at, range] = [own.range[0], own.range];
+  const entered = parts.at(-1), set = Object.assign({}, ...parts.filter(one => one.run == entered.run)), count = entered.range[1] - entered.range[0];
+  if (entered.run != run) { loadRun(number, choice); return; }
+  stepAt = number; answer = choice; part = entered; ellipsed = set.ellipses ?? false;
+  returnToRun();
+  [at, range] = [entered.range[0], entered.range];
   selected = set.microphone >= 0 ? set.microphone : oneMoves ? -1 : free[0] ?? 0; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
   $("map").checked = set.map ?? true; $("trails").checked = set.trails ?? false;
-  caption();
-  if ("view" in own || choice < 0) look((set.view ?? "top") == "top");
+  showCaption();
+  if ("view" in entered || choice < 0) setView((set.view ?? "top") == "top");
   $("speed").value = [...$("speed").options].map(option => option.value).find(rate => rate >= count / SECONDS) ?? 100;
   play(count > 0);
 }
-// Shows the run of another scene, for which the page is loaded again.
-function visit(number, choice) {
+// Shows the run of another scene; for this the page is loaded again.
+function loadRun(number, choice) {
   const hash = new URLSearchParams({part: choice < 0 ? number + 1 : `${number + 1},${choice + 1}`}), now = new URLSearchParams(addressNow().slice(1));
   for (const key of ["embed", "theme"]) if (now.has(key)) hash.set(key, now.get(key));
-  clearTimeout(writing);
+  clearTimeout(writeTimer);
   try { history.replaceState(null, "", `#${hash}`); } catch { location.replace(`#${hash}`); }
   location.reload();
 }
-// At the end of a run: the microphones that the text names, with their errors, and the ellipses.
+// The microphones that the text names, at the end of the run; null otherwise.
 const namedNow = () => lesson && at >= range[1] && !own ? part.marks ?? [] : null;
+// Draws the microphones of `namedNow` with their errors, and the ellipses.
 function drawNamed(pen, on, now, r, w) {
   if (ellipsed && at == T - 1) data.ellipses?.axes.forEach(([a, b], n) => {
     const centre = placeOf(at, n), rim = Array.from({length: 37}, (_, i) => i * Math.PI / 18).map(turn => on(centre.map((v, axis) => v + Math.cos(turn) * a[axis] + Math.sin(turn) * b[axis])));
@@ -44,8 +46,8 @@ function drawNamed(pen, on, now, r, w) {
   }
   pen.textAlign = "left";
 }
-function caption() {
-  veiled = false;
+function showCaption() {
+  awaitsEnd = false;
   const step = lesson.steps[stepAt], last = stepAt == lesson.steps.length - 1, box = document.createElement("div");
   const add = (tag, text, kind = "") => { const one = document.createElement(tag); one.textContent = text; one.className = kind; box.append(one); return one; };
   const button = (parent, text, act, kind) => { const one = document.createElement("button"); one.textContent = text; one.className = kind ?? ""; one.onclick = act; parent.append(one); };
@@ -57,7 +59,8 @@ function caption() {
     const choices = add("div", "", "choices");
     step.choices.forEach((text, i) => button(choices, text, () => enterStep(stepAt, i)));
     panel();
-  } else if (veiled = step.question && at < range[1]) {
+  } else if (step.question && at < range[1]) {
+    awaitsEnd = true;
     add("div", `Your answer: ${step.choices[answer]}`);
     add("p", "The explanation follows when the run has ended.", "dim");
   } else if (step.question) {

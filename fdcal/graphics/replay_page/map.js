@@ -1,6 +1,7 @@
-// The map on the floor: the cost of moving one microphone, at the state that is shown, over the chosen modes.
+// Draws the map on the floor: the cost of moving one microphone, at the state that is shown, summed over the chosen modes.
 const free = [...Array(N).keys()].filter(n => !known.has(n));
-let objective = false, marked = true;  // whether the map is of what descent minimises; whether its minima are marked
+let objective = false, marked = true;  // whether the map shows the cost that descent minimises, and whether its minima are marked
+// map: the finished map; wanted: the request for the map of the present state; modeMaps: the maps of single modes for `key`.
 let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
 
 const oneMoves = moved.some(n => n >= 0);  // whether a step of this solver moves one microphone
@@ -20,15 +21,15 @@ function requestMap() {
   const n = subject(), indices = modeIndices();
   const moved = own ? own.places.map((p, i) => i == n ? "" : p).join() : "";  // where the user has moved the others
   wanted = {t: at, n, indices, moved, objective, key: [at, n, indices[0], indices.length, moved, objective].join()};
-  if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
+  if (n >= 0 && indices.length && !working) { working = true; computeMaps(); } else if (!indices.length) map = null;
 }
 
-// Computes until the map is the one that is wanted. A quick map is finished even if another one is wanted by then, so that
-// maps also appear while a slider is dragged.
-async function work() {
+// Computes maps until the wanted one is finished. If another map is requested within 250 ms, the present one is still
+// finished, so that maps also appear while a slider is dragged.
+async function computeMaps() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
-    for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // its own place must not change its map
+    for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // a microphone's own position does not change its map, and must not restart it
     const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, terms = job.objective ? descentTerms(job.n, Array.from({length: N}, (_, n) => positions.slice(3 * n, 3 * n + 3)), maps.modes[job.indices.at(-1)]) : {};
     const key = [job.t, job.n, lattice.step, job.moved, JSON.stringify([terms.centre, terms.shift])].join();
     if (modeMaps.key != key) modeMaps = {key, found: new Map()};
@@ -48,7 +49,23 @@ async function work() {
   working = false;
 }
 
-// The sum of the modes relative to their power, its image and its minima.
+function percentile(sorted, percent) {
+  const at = percent / 100 * (sorted.length - 1), i = Math.floor(at), next = sorted[Math.min(i + 1, sorted.length - 1)];
+  return sorted[i] + (at - i) * (next - sorted[i]);
+}
+// The colours of costs (ny, nx) on a logarithmic scale from low to high, as a canvas of a pixel for each cost.
+function imageOf(cost, nx, ny, low, high) {
+  const image = document.createElement("canvas"), range = Math.log10(high / low) || 1;
+  image.width = nx; image.height = ny;
+  const pen = image.getContext("2d"), pixels = pen.createImageData(nx, ny);
+  for (let j = 0; j < ny; j++) for (let i = 0; i < nx; i++) {  // row 0 of the map is at low y
+    const level = Math.log10(Math.max(cost[j * nx + i], low) / low) / range, colour = 3 * Math.round(255 * Math.min(Math.max(level, 0), 1));
+    pixels.data.set([maps.colours[colour], maps.colours[colour + 1], maps.colours[colour + 2], 255], 4 * ((ny - 1 - j) * nx + i));
+  }
+  pen.putImageData(pixels, 0, 0);
+  return image;
+}
+// A map from the maps of its modes: the sum of their costs relative to their power, its image and its minima.
 function finished(job, found, lattice) {
   const [nx, ny] = lattice.shape, cost = new Float64Array(nx * ny);
   let power = 0;
@@ -58,58 +75,49 @@ function finished(job, found, lattice) {
     for (let i = 0; i < cost.length; i++) cost[i] += one.cost[i];
   }
   for (let i = 0; i < cost.length; i++) cost[i] /= power;
-  const sorted = Float64Array.from(cost).sort(), [low, top] = maps.percentiles.map(percent => {
-    const at = percent / 100 * (cost.length - 1), i = Math.floor(at), next = sorted[Math.min(i + 1, cost.length - 1)];
-    return sorted[i] + (at - i) * (next - sorted[i]);
-  });
+  const sorted = Float64Array.from(cost).sort(), [low, top] = maps.percentiles.map(percent => percentile(sorted, percent));
   const floor = Math.max(low, top * 10 ** -maps.decades), high = Math.max(top, floor * 10 ** (maps.least / 10));
-  const image = document.createElement("canvas"), range = Math.log10(high / floor) || 1;
-  image.width = nx; image.height = ny;
-  const pen = image.getContext("2d"), pixels = pen.createImageData(nx, ny);
-  for (let j = 0; j < ny; j++) for (let i = 0; i < nx; i++) {  // row 0 of the map is at low y
-    const share = Math.log10(Math.max(cost[j * nx + i], floor) / floor) / range, colour = 3 * Math.round(255 * Math.min(Math.max(share, 0), 1));
-    pixels.data.set([maps.colours[colour], maps.colours[colour + 1], maps.colours[colour + 2], 255], 4 * ((ny - 1 - j) * nx + i));
-  }
-  pen.putImageData(pixels, 0, 0);
+  const image = imageOf(cost, nx, ny, floor, high);
   const marked = minimaOf(cost, nx, ny, maps), place = i => [lattice.places[0][i % nx], lattice.places[1][Math.floor(i / nx)]];
   const minima = {lowest: marked.lowest.map(place), others: marked.others.map(place), count: marked.count};
-  const most = sorted[sorted.length - 1], least = Math.max(sorted[0], most * 10 ** -maps.decades);  // heights cover all costs
-  const [low_db, high_db, bottom, peak] = [floor, high, least, Math.max(most, least * 10 ** (maps.least / 10))].map(v => 10 * Math.log10(v));
-  return {...job, lattice, cost, image, minima, low: low_db, high: high_db, bottom, peak};
+  const max = sorted[sorted.length - 1], min = Math.max(sorted[0], max * 10 ** -maps.decades);  // heights cover all costs
+  const [lowEnd, highEnd, bottom, peak] = [floor, high, min, Math.max(max, min * 10 ** (maps.least / 10))].map(v => 10 * Math.log10(v));
+  return {...job, lattice, cost, image, minima, low: lowEnd, high: highEnd, bottom, peak};  // ends of the colours and of the heights, dB
 }
 
-// Depth of the map below the floor at a point, metres: the view 3-D shows a plane scene as a relief.
-const RELIEF = 0.22;  // of the longer edge of the map
+// Height of the map at a point relative to its highest point, at most 0, metres. The view 3-D shows the map of a plane
+// scene as a relief, whose highest point is on the floor.
+const RELIEF = 0.22;  // ratio of the greatest height to the longer edge of the map
 const reliefShown = () => D == 2 && !flat && mapShown();
-function depth([x, y]) {
+function reliefHeight([x, y]) {
   if (!reliefShown()) return 0;
-  const value = 10 ** (level(map, [x, y]) / 10), share = 10 * Math.log10(Math.max(value, 10 ** (map.bottom / 10))) - map.peak;
-  return RELIEF * Math.max(...landscapes.edge) * share / Math.max(map.peak - map.bottom, 1e-9);
+  const value = 10 ** (level(map, [x, y]) / 10), below = 10 * Math.log10(Math.max(value, 10 ** (map.bottom / 10))) - map.peak;
+  return RELIEF * Math.max(...landscapes.edge) * below / Math.max(map.peak - map.bottom, 1e-9);
 }
-// Whether a relief hides a point on it: somewhere towards the viewer the relief is above the line of sight.
+// Whether a relief hides a point on its surface, because nearer to the viewer it is above the line of sight.
 const RAY = 40;  // points that are tested on the line of sight
 function hidden([x, y]) {
   if (!reliefShown()) return false;
   const away = Math.cos(eye.elevation), way = [-Math.sin(eye.azimuth) * away, -Math.cos(eye.azimuth) * away, Math.sin(eye.elevation)];
-  const z = depth([x, y]), long = Math.max(...landscapes.edge), reach = Math.min(-z / way[2], 2 * long), [left, low] = landscapes.corner, [wide, deep] = landscapes.edge;
+  const z = reliefHeight([x, y]), long = Math.max(...landscapes.edge), reach = Math.min(-z / way[2], 2 * long), [left, low] = landscapes.corner, [wide, deep] = landscapes.edge;
   for (let i = 1; i <= RAY; i++) {
     const [u, v, w] = way.map((d, axis) => [x, y, z][axis] + reach * i / RAY * d);
     if (u < left || v < low || u > left + wide || v > low + deep) return false;
-    if (depth([u, v]) > w + 0.03 * RELIEF * long) return true;
+    if (reliefHeight([u, v]) > w + 0.03 * RELIEF * long) return true;
   }
   return false;
 }
-function reliefMap(pen, project) {
+function drawRelief(pen, project) {
   const {cost, lattice} = map, [nx, ny] = lattice.shape, every = Math.ceil(Math.max(nx, ny) / 96);
   const axes = [nx, ny].map(count => Array.from({length: Math.floor((count - 1) / every) + 1}, (_, i) => i * every));
-  const tall = RELIEF * Math.max(...landscapes.edge), range = map.peak - map.bottom || 1, share = at => Math.min(Math.max((10 * Math.log10(Math.max(cost[at], 1e-30)) - map.bottom) / range, 0), 1);
+  const tall = RELIEF * Math.max(...landscapes.edge), range = map.peak - map.bottom || 1, fraction = at => Math.min(Math.max((10 * Math.log10(Math.max(cost[at], 1e-30)) - map.bottom) / range, 0), 1);
   const points = axes[1].map(j => axes[0].map(i => {
-    const s = share(j * nx + i);
+    const s = fraction(j * nx + i);
     return {s, p: project([lattice.places[0][i], lattice.places[1][j], z0 - tall * (1 - s)])};
   }));
-  const [columns, rows] = axes.map(axis => [...axis.keys()].slice(0, -1)), back = (list, forward) => forward ? list : [...list].reverse();
-  // from the back to the front: up the screen is away from the viewer
-  for (const j of back(rows, Math.cos(eye.azimuth) < 0)) for (const i of back(columns, Math.sin(eye.azimuth) < 0)) {
+  const [columns, rows] = axes.map(axis => [...axis.keys()].slice(0, -1)), ordered = (list, forward) => forward ? list : [...list].reverse();
+  // Cells are drawn from the back to the front; farther cells are higher on the screen.
+  for (const j of ordered(rows, Math.cos(eye.azimuth) < 0)) for (const i of ordered(columns, Math.sin(eye.azimuth) < 0)) {
     const corners = [points[j][i], points[j][i + 1], points[j + 1][i + 1], points[j + 1][i]], mean = corners.reduce((sum, c) => sum + c.s, 0) / 4;
     const light = 1 + 1.6 * (corners[0].s + corners[3].s - corners[1].s - corners[2].s), shade = Math.min(Math.max(light, 0.72), 1.18);
     const colour = 3 * Math.round(255 * mean);
@@ -120,8 +128,8 @@ function reliefMap(pen, project) {
   }
 }
 
-function floorMap(pen, project) {
-  if (reliefShown()) { reliefMap(pen, project); return; }
+function drawMap(pen, project) {
+  if (reliefShown()) { drawRelief(pen, project); return; }
   const [x, y] = landscapes.corner, [wide, deep] = landscapes.edge, dpr = window.devicePixelRatio || 1;
   const [p, right, up] = [[x, y + deep, z0], [x + wide, y + deep, z0], [x, y, z0]].map(project);
   pen.save();
@@ -133,16 +141,16 @@ function floorMap(pen, project) {
 
 function drawMinima(pen, project, r) {
   for (const [places, {reach, colour}, wide] of [[map.minima.others, marks.minima, 1.6], [map.minima.lowest, marks.lowest, 2.4]]) for (const [x, y] of places) {
-    const [u, v] = project([x, y, z0 + depth([x, y])]), size = reach * r;
+    const [u, v] = project([x, y, z0 + reliefHeight([x, y])]), size = reach * r;
     const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
-    faintly(pen, [x, y], () => withHalo((c, width) => stroke(pen, corners, c, width, true), colour, wide, 2.2));
+    drawMark(pen, [x, y], () => withHalo((c, width) => stroke(pen, corners, c, width, true), colour, wide, 2.2));
   }
 }
 
 const rangeText = indices => indices.length > 1 ? `frequencies no. ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `frequency ${maps.modes[indices[0]]}`;
 
-// Caption and colour bar, in decibels relative to the power of the pressures of these modes.
-function colourBar(pen, w) {
+// Draws caption and colour bar, in decibels relative to the power of the pressures of these modes.
+function drawColourBar(pen, w) {
   const left = 14 + captionWidth(), top = 26, wide = Math.min(300, w - left - 120), ink = css("--ink"), [low, high] = [map.low, map.high];
   const minima = !marked ? "" : [", lowest at the edge", ", 1 minimum"][map.minima.count] ?? `, ${map.minima.count} minima`, layer = D == 3 ? ` at z = ${fixed(placeOf(map.t, map.n)[2], 2)} m` : "";
   pen.fillStyle = css("--back"); pen.fillRect(0, 0, w, STRIP - 4);

@@ -1,4 +1,4 @@
-// The controls, and the first picture.
+// Connects the controls, and draws the first picture.
 $("title").textContent = data.title;
 if (data.reference != "true") $("errorbox").firstElementChild.firstChild.data = "Deviation from nominal (mm): ";
 $("costbox").hidden = !cost;
@@ -13,18 +13,18 @@ $("legend").innerHTML = Object.entries(shown).map(([name, mark]) => `<span class
   (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
 $("play").onclick = () => play(!playing);
 $("time").oninput = e => { playing = false; go(Number(e.target.value)); };
-$("top").onclick = () => look(true);
-$("turn").onclick = () => look(false);
-$("reset").onclick = () => look(flat);
+$("top").onclick = () => setView(true);
+$("turn").onclick = () => setView(false);
+$("reset").onclick = () => setView(flat);
 $("trails").onchange = show;
 $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);
-$("back").onclick = () => { giveBack(); show(); };
+$("back").onclick = () => { returnToRun(); show(); };
 if (maps) mapControls(); else $("mapbar").hidden = true;
 $("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };
 document.addEventListener("keydown", e => {
   if (e.ctrlKey || e.altKey || e.metaKey || e.target.tagName == "SELECT") return;
-  const ranged = e.target.type == "range", keys = {" ": () => play(!playing), t: () => look(true), "3": () => look(false),
+  const ranged = e.target.type == "range", keys = {" ": () => play(!playing), t: () => setView(true), "3": () => setView(false),
     Home: () => go(range[0]), End: () => go(range[1]), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
   if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || ranged && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
   e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
@@ -32,4 +32,4 @@ document.addEventListener("keydown", e => {
 readAddress(location.hash);
 theme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
 new ResizeObserver(show).observe($("scene"));
-if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") open();
+if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") playOpening();

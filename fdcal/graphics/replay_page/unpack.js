@@ -1,4 +1,5 @@
-// The arrays that fdcal/graphics/replay.py packs, by name.
+// Returns the arrays that fdcal/graphics/replay.py has packed, by name. The bytes of an array are in planes, the lowest bytes
+// of all its values first; integers of four bytes are differences along the first axis.
 async function unpack(packed) {
   const compressed = Uint8Array.from(atob(packed.bytes), c => c.charCodeAt(0));
   const stream = new Blob([compressed]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -1,7 +1,7 @@
-// The run as it plays: scene, curves, table; `show` draws all of it from the variables below.
+// Draws the scene, the curves and the table of a run: `show` draws all of them from the variables below.
 const $ = id => document.getElementById(id);
 const file = JSON.parse($("data").textContent), run = runOf(location.hash), data = Object.assign(file, run && file.others[run - 1]);
-// A lesson has a run for each of its scenes: the part in the address says which of them is shown.
+// A lesson has a run for each of its scenes; the part in the address determines which run is shown.
 function runOf(hash) {
   const [number, choice] = (new URLSearchParams(hash.slice(1)).get("part") ?? "1").split(",").map(Number);
   const parts = file.lesson?.steps[number - 1]?.parts ?? [{run: 0}];
@@ -18,10 +18,11 @@ const BLUE = "#1f78c8", ORANGE = "#e08a1e", VIOLET = "#8c5ab4";  // of curves an
 const STRIP = maps ? 56 : 0;  // pixels above the scene, for the colour bar
 // Angles of the 3-D view, from which the minima of a relief can be seen.
 const TURNED = 35 * Math.PI / 180, RAISED = maps && D == 2 ? 52 * Math.PI / 180 : TURNED;
+// at: index of the state that is shown; drawnAt: pixels of the estimates; flat: whether the view is from the top.
 let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;
 let chosen = null;  // modes of the map, [first, last], or null for those of the solver
-let range = [0, T - 1];  // the states of the run that is shown; a lesson has several
-const [x0, y0, x1, y1] = data.focus, [z0, z1] = data.heights;
+let range = [0, T - 1];  // first and last state that can be shown; a part of a lesson shows a part of its run
+const [x0, y0, x1, y1] = data.focus, [z0, z1] = data.heights;  // the box of the view, metres
 const eye = {azimuth: 0, elevation: Math.PI / 2, zoom: 1, x: 0, y: 0};
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -30,9 +31,11 @@ function point(array, i) {
   const o = data.origin, z = D == 3 ? array[i + 2] + o[2] : z0;
   return [array[i] + o[0], array[i + 1] + o[1], z];
 }
+// Positions of microphone n, metres: in the run, as the user has moved it, and the true one.
 const recorded = (t, n) => point(places, (t * N + n) * D), placeOf = (t, n) => own ? own.places[n] : recorded(t, n), truthOf = n => point(truth, n * D);
-const givenOf = i => [data.given[i][0], data.given[i][1], D == 3 ? data.given[i][2] : z0];  // of the i-th known one
+const givenOf = i => [data.given[i][0], data.given[i][1], D == 3 ? data.given[i][2] : z0];  // given position of the i-th known microphone
 
+// Fits the pixels of a canvas to its size on the page, clears it, and returns its context and its width and height.
 function fit(canvas) {
   const dpr = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
   if (canvas.width != Math.round(w * dpr) || canvas.height != Math.round(h * dpr)) {
@@ -44,7 +47,7 @@ function fit(canvas) {
   return [pen, w, h];
 }
 
-const captionWidth = () => data.lesson && innerWidth > 760 ? $("caption").offsetWidth + 10 : 0;  // pixels of the scene that the text of a lesson covers
+const captionWidth = () => data.lesson && innerWidth > 760 ? $("caption").offsetWidth + 10 : 0;  // width, pixels, of the part of the scene that a lesson's text covers
 
 // Orthographic projection: rotated about z by the azimuth, then tilted by the elevation; from the top x is right and y
 // is up. The search domain fills the canvas except for the margins of the scale and the rulers.
@@ -54,7 +57,7 @@ function projector(w, h) {
   const corners = [x0, x1].flatMap(x => [y0, y1].flatMap(y => [z0, z1].map(z => turn([x, y, z]))));
   const ends = [0, 1].map(i => [Math.min(...corners.map(c => c[i])), Math.max(...corners.map(c => c[i]))]);
   const [u, v] = ends.map(([low, high]) => (low + high) / 2), [wide, tall] = ends.map(([low, high]) => high - low);
-  const inset = captionWidth(), below = $("words").textContent ? 48 : 0;  // pixels, of the words of the opening
+  const inset = captionWidth(), below = $("words").textContent ? 48 : 0;  // pixels that the words of the opening need
   const scale = eye.zoom * Math.min((w - inset - 90) / wide, (h - 64 - STRIP - below) / tall);
   const project = p => {
     const [a, b] = turn(p);
@@ -89,8 +92,8 @@ function square(pen, [x, y], r) {
   pen.fillStyle = marks.known.colour; pen.fillRect(x - r, y - r, 2 * r, 2 * r);
 }
 
-// A mark that a hill of the relief hides is drawn faint.
-function faintly(pen, place, draw) {
+// Draws a mark, translucent if a hill of the relief hides it.
+function drawMark(pen, place, draw) {
   pen.globalAlpha = mapShown() && hidden(place) ? 0.5 : 1;
   draw();
   pen.globalAlpha = 1;
@@ -101,16 +104,19 @@ function between(one, other) {
   return Array.from({length: count + 1}, (_, i) => one.map((v, axis) => v + i / count * (other[axis] - v)));
 }
 
+// The least of 1, 2, 5, 10, ... that divides a span into at most about `count` parts.
 const roundStep = (span, count) => {
   const raw = span / count, base = 10 ** Math.floor(Math.log10(raw));
   return base * [1, 2, 5, 10].find(m => m * base >= raw * 0.999);
 };
+// Round values from low to high, and the number of decimals that they need.
 function ticks(low, high, count) {
   const gap = roundStep(high - low, count), values = [];
   for (let i = Math.ceil(low / gap - 1e-9); i * gap <= high + 1e-9 * gap; i++) values.push(i * gap);
   return [values, Math.max(0, -Math.floor(Math.log10(gap) + 1e-9))];
 }
 
+// At most about five values for a logarithmic axis.
 function decades(low, high) {
   const values = [];
   for (let e = Math.floor(Math.log10(low)); e <= Math.log10(high); e++) for (const m of [1, 2, 5]) values.push(m * 10 ** e);
@@ -119,18 +125,21 @@ function decades(low, high) {
   return few.length > 1 ? few.filter((_, i) => i % every == 0) : ticks(low, high, 3)[0];
 }
 
-function room(pen, project) {
+function drawRoom(pen, project) {
+  if (!data.outline) return;
   const ink = css("--ink"), faint = css("--faint");
-  if (data.outline) {
-    const foot = data.outline.map(p => project([p[0], p[1], 0])), head = data.outline.map(p => project([p[0], p[1], data.tall]));
-    stroke(pen, foot, ink, 2, true);
-    if (!flat) { stroke(pen, head, faint, 1.2, true); foot.forEach((p, i) => stroke(pen, [p, head[i]], faint, 1.2)); }
-    data.sources.forEach((place, take) => {
-      const s = project([...place, 0].slice(0, 3));
-      stroke(pen, [[s[0] - 7, s[1]], [s[0] + 7, s[1]]], ink, 2); stroke(pen, [[s[0], s[1] - 7], [s[0], s[1] + 7]], ink, 2);
-      pen.fillStyle = ink; pen.fillText(data.sources.length > 1 ? "source, take " + take : "source", s[0] + 9, s[1] - 5);
-    });
-  }
+  const foot = data.outline.map(p => project([p[0], p[1], 0])), head = data.outline.map(p => project([p[0], p[1], data.tall]));
+  stroke(pen, foot, ink, 2, true);
+  if (!flat) { stroke(pen, head, faint, 1.2, true); foot.forEach((p, i) => stroke(pen, [p, head[i]], faint, 1.2)); }
+  data.sources.forEach((place, take) => {
+    const s = project([...place, 0].slice(0, 3));
+    stroke(pen, [[s[0] - 7, s[1]], [s[0] + 7, s[1]]], ink, 2); stroke(pen, [[s[0], s[1] - 7], [s[0], s[1] + 7]], ink, 2);
+    pen.fillStyle = ink; pen.fillText(data.sources.length > 1 ? "source, take " + take : "source", s[0] + 9, s[1] - 5);
+  });
+}
+// The outline of the search domain, with its rulers.
+function drawFrame(pen, project) {
+  const ink = css("--ink"), faint = css("--faint");
   stroke(pen, [[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]].map(project), ink, 1.2, true);
   if (z1 > z0 && !flat) stroke(pen, [[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]].map(project), faint, 1, true);
   pen.fillStyle = ink;
@@ -154,11 +163,13 @@ function scene() {
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
-  if (mapShown()) floorMap(pen, project);
-  room(pen, project);
-  const on = ([x, y, z]) => project([x, y, z + depth([x, y])]), now = [...Array(N).keys()].map(n => on(placeOf(at, n)));
-  const held = new Map(data.known.map((n, i) => [n, on(givenOf(i))]));
-  const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // whether the square of microphone n covers its estimate
+  if (mapShown()) drawMap(pen, project);
+  drawRoom(pen, project);
+  drawFrame(pen, project);
+  const on = ([x, y, z]) => project([x, y, z + reliefHeight([x, y])]), now = [...Array(N).keys()].map(n => on(placeOf(at, n)));
+  const given = new Map(data.known.map((n, i) => [n, on(givenOf(i))]));
+  // Whether the square of a known microphone covers its estimate.
+  const covered = n => given.has(n) && Math.hypot(now[n][0] - given.get(n)[0], now[n][1] - given.get(n)[1]) <= r;
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
@@ -168,17 +179,17 @@ function scene() {
   if (truth) for (let n = 0; n < N; n++) {
     const p = on(truthOf(n));
     if (!covered(n)) withHalo((c, width) => stroke(pen, between(truthOf(n), placeOf(at, n)).map(on), c, width), marks.error.colour, 1.3, 1.6);
-    faintly(pen, truthOf(n), () => ring(pen, p, r * marks.true.reach, marks.true.colour, Math.max(1.6, r * marks.true.width)));
+    drawMark(pen, truthOf(n), () => ring(pen, p, r * marks.true.reach, marks.true.colour, Math.max(1.6, r * marks.true.width)));
   }
-  data.known.forEach((n, i) => faintly(pen, givenOf(i), () => square(pen, held.get(n), Math.max(3, r * marks.known.reach))));
-  for (let n = 0; n < N; n++) if (!covered(n)) faintly(pen, placeOf(at, n), () => cross(pen, now[n], r * marks.estimate.reach * Math.SQRT1_2, RED, Math.max(1.8, r * marks.estimate.width)));
+  data.known.forEach((n, i) => drawMark(pen, givenOf(i), () => square(pen, given.get(n), Math.max(3, r * marks.known.reach))));
+  for (let n = 0; n < N; n++) if (!covered(n)) drawMark(pen, placeOf(at, n), () => cross(pen, now[n], r * marks.estimate.reach * Math.SQRT1_2, RED, Math.max(1.8, r * marks.estimate.width)));
   if (mapShown() && marked) drawMinima(pen, project, r);
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
-    if (truth) faintly(pen, truthOf(n), () => ring(pen, on(truthOf(n)), marks.selected.reach * r, marks.true.colour, Math.max(2, r * marks.selected.width)));
-    faintly(pen, placeOf(at, n), () => {
-      if (covered(n)) square(pen, held.get(n), Math.max(5, 2 * r * marks.known.reach)); else if (known.has(n)) cross(pen, now[n], r * marks.moved.reach * Math.SQRT1_2, RED, Math.max(2.4, r * marks.moved.width)); else ball(pen, now[n], marks.ball.reach * r);
+    if (truth) drawMark(pen, truthOf(n), () => ring(pen, on(truthOf(n)), marks.selected.reach * r, marks.true.colour, Math.max(2, r * marks.selected.width)));
+    drawMark(pen, placeOf(at, n), () => {
+      if (covered(n)) square(pen, given.get(n), Math.max(5, 2 * r * marks.known.reach)); else if (known.has(n)) cross(pen, now[n], r * marks.moved.reach * Math.SQRT1_2, RED, Math.max(2.4, r * marks.moved.width)); else ball(pen, now[n], marks.ball.reach * r);
     });
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
@@ -189,24 +200,25 @@ function scene() {
   }
   if (namedNow()) drawNamed(pen, on, now, r, w);
   drawPlay(pen, project, r);
-  if (mapShown()) colourBar(pen, w);
+  if (mapShown()) drawColourBar(pen, w);
   drawnAt = now;
 }
 
 const restarts = (begin, finish) => Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => restart[t] != restart[t - 1]);
 
+// Draws curves over the steps into a canvas, and returns the first and the last column of pixels of their axis.
 function curve(id, series, log) {
   const [pen, w, h] = fit($(id)), left = 52, right = 8, top = 6, bottom = 20, ink = css("--ink"), faint = css("--faint");
   const usable = v => Number.isFinite(v) && (!log || v >= 0), [begin, finish] = range;
-  const shown = series.flatMap(([values]) => [...values.slice(begin, finish + 1)].filter(usable)), lifted = shown.filter(v => !log || v > 0);
-  const foot = bottom + (lifted.length < shown.length ? 16 : 0);  // 0 is drawn below a logarithmic scale
-  let low = Math.min(...lifted), high = Math.max(...lifted);
+  const shown = series.flatMap(([values]) => [...values.slice(begin, finish + 1)].filter(usable)), drawable = shown.filter(v => !log || v > 0);
+  const foot = bottom + (drawable.length < shown.length ? 16 : 0);  // 0 is drawn below a logarithmic scale
+  let low = Math.min(...drawable), high = Math.max(...drawable);
   if (!(low <= high)) { low = log ? 0.1 : 0; high = 1; }
-  const lift = log ? Math.log10 : v => v;
-  let a = lift(low), b = lift(high);
+  const scale = log ? Math.log10 : v => v;
+  let a = scale(low), b = scale(high);
   if (b - a < 1e-9) { a -= 0.5; b += 0.5; }
   const end = Math.max(step[finish], step[begin] + 1), X = s => left + (w - left - right) * (s - step[begin]) / (end - step[begin]);
-  const Y = v => log && v == 0 ? h - bottom : h - foot - (h - top - foot) * (lift(v) - a) / (b - a);
+  const Y = v => log && v == 0 ? h - bottom : h - foot - (h - top - foot) * (scale(v) - a) / (b - a);
   pen.font = "11px system-ui, sans-serif"; pen.textAlign = "right"; pen.fillStyle = ink;
   for (const v of [...foot > bottom ? [0] : [], ...log ? decades(low, high) : ticks(a, b, 3)[0]]) {
     stroke(pen, [[left, Y(v)], [w - right, Y(v)]], faint, 1);
@@ -237,17 +249,17 @@ const frequency = mode => data.frequencies[mode - 1].toFixed(1);
 const distance = (t, n) => Math.hypot(...placeOf(t, n).map((v, i) => v - truthOf(n)[i]));
 const coordinates = n => placeOf(at, n).slice(0, D).map(v => fixed(v, 3)).join(", ") + " m";
 
-const off = data.reference == "true" ? "error" : "deviation from nominal";
+const errorName = data.reference == "true" ? "error" : "deviation from nominal";
 
 function showTexts() {
   const one = first[at] == last[at];
   $("now").textContent = own ? "your positions" : `step ${step[at]}, sweep ${sweep[at]}; ` + (one ?
     `frequency ${first[at]}, ${frequency(first[at])} Hz` : `frequencies no. ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
   const away = own && truth ? free.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
-  $("errors").textContent = mean ? `${off}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
+  $("errors").textContent = mean ? `${errorName}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
   $("cost").textContent = own || !cost ? "" : `cost ${cost[at].toFixed(1)} dB`;
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
-    (truth ? `, ${off} ${mm(distance(at, selected))}` : "");
+    (truth ? `, ${errorName} ${mm(distance(at, selected))}` : "");
   else $("selected").textContent = "Click or tap a microphone to follow it.";
   const listed = [...free];
   if (truth) listed.sort((m, n) => distance(at, n) - distance(at, m) || m - n);
@@ -260,32 +272,32 @@ function showTexts() {
   }));
 }
 
-let span = [0, 1];
+let axis = [0, 1];  // columns of pixels of the curves at the first and the last state
 function show() {
   requestMap(); scene(); showTexts(); showModes(); showPlay(); writeAddress();
-  if (mean) span = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
-  if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
+  if (mean) axis = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
+  if (cost) axis = curve("costs", [[cost, BLUE, 2]], false);
   Object.assign($("time"), {min: range[0], max: range[1], value: at});
   $("play").textContent = playing ? "Pause" : "Play";
-  if (lesson) unveil();
+  if (lesson) explainAtEnd();
 }
-function go(t) { giveBack(); at = Math.min(Math.max(t, range[0]), range[1]); show(); }
+function go(t) { returnToRun(); at = Math.min(Math.max(t, range[0]), range[1]); show(); }
 
-let due = 0, before = 0;
-function tick(time) {
+let due = 0, before = 0;  // number of states that are due, and time of the last call, ms
+function advance(time) {
   if (!playing) return;
   due += (time - before) / 1e3 * Number($("speed").value); before = time;
   if (due >= 1) { at = Math.min(at + Math.floor(due), range[1]); due %= 1; if (at == range[1]) playing = false; show(); }
-  requestAnimationFrame(tick);
+  requestAnimationFrame(advance);
 }
 function play(on) {
   playing = on;
-  giveBack();
+  returnToRun();
   $("note").textContent = "";
-  if (on) { if (at == range[1]) at = range[0]; due = 0; before = performance.now(); requestAnimationFrame(tick); }
+  if (on) { if (at == range[1]) at = range[0]; due = 0; before = performance.now(); requestAnimationFrame(advance); }
   show();
 }
-function look(top, azimuth = TURNED, elevation = RAISED) {
+function setView(top, azimuth = TURNED, elevation = RAISED) {
   flat = top;
   Object.assign(eye, top ? {azimuth: 0, elevation: Math.PI / 2} : {azimuth, elevation}, {zoom: 1, x: 0, y: 0});
   $("top").setAttribute("aria-pressed", top); $("turn").setAttribute("aria-pressed", !top);
@@ -298,10 +310,11 @@ function theme(dark) {
 }
 
 const pointers = new Map();
-let dragged = 0, pinch = 0, taken = -1;  // pixels dragged and between two fingers; the microphone that is dragged
+// dragged: length of the gesture, pixels; pinch: distance of two fingers, pixels; taken: the microphone that is dragged.
+let dragged = 0, pinch = 0, taken = -1;
 const view = $("view");
-view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0; 
-  if (pointers.size > 1 && taken >= 0 && own) release(taken);  // a second finger
+view.addEventListener("pointerdown", e => { view.setPointerCapture(e.pointerId); pointers.set(e.pointerId, [e.clientX, e.clientY]); dragged = pinch = 0;
+  if (pointers.size > 1 && taken >= 0 && own) release(taken);  // a second finger ends the drag
   taken = pointers.size == 1 ? grabbed(e) : -1;
 });
 view.addEventListener("pointermove", e => {
@@ -330,7 +343,7 @@ for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, e
 });
 view.addEventListener("contextmenu", e => e.preventDefault());
 view.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(-e.deltaY * 0.0012)); }, {passive: false});
-view.addEventListener("dblclick", () => look(flat));
+view.addEventListener("dblclick", () => setView(flat));
 function zoom(by) {
   eye.zoom = Math.min(Math.max(eye.zoom * by, 0.1), 40);
   scene(); writeAddress();
@@ -342,7 +355,7 @@ function pick(e) {
   show();
 }
 for (const id of ["error", "costs"]) $(id).addEventListener("click", e => {
-  const box = $(id).getBoundingClientRect(), share = (e.clientX - box.left - span[0]) / (span[1] - span[0]);
+  const box = $(id).getBoundingClientRect(), fraction = (e.clientX - box.left - axis[0]) / (axis[1] - axis[0]);
   const [begin, end] = range;
-  playing = false; go(nearestState(step, step[begin] + share * (step[end] - step[begin])));
+  playing = false; go(nearestState(step, step[begin] + fraction * (step[end] - step[begin])));
 });

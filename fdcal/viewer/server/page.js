@@ -1,28 +1,36 @@
 // Runs before viser's own script. It adds to the page what viser lacks:
 //
-//   labels      the texts of the scene, outlined, without those that would cover others (scene3d.py)
-//   overlay     regions on the canvas, whose HTML the server sends in hidden controls (html.py)
-//   commands    what a user presses or sets there, sent as text: "play", "modes=12"
-//   address     the view after #. It is read when the page opens or the address changes, and written when nothing changes.
-//               A page that is reloaded with an address that it wrote itself, and from the same start of the server, does
-//               not open this address, because other browsers may have continued meanwhile
-//   theme       the browser's preference, sent when the page opens and when it changes
-//   connection  viser tries to reconnect every second. After some failures Chromium delays each attempt by up to 5 s, and
-//               the next attempt cancels it. Here the page waits until the server answers, and reloads.
-//   keys        arrow keys on a slider move only the slider, not the camera; Escape closes the large text
-//   camera      it cannot be turned below the floor
+//   labels      draws the texts of the scene, outlined, without those that would cover others (scene3d.py)
+//   overlay     draws regions on the canvas, whose HTML the server sends in hidden controls (html.py)
+//   commands    sends what a user presses or sets there as text: "play", "modes=12"
+//   address     keeps the view in the address after #. It is read when the page opens or the address changes, and written
+//               when nothing changes. A reloaded page does not open an address that it wrote itself for the same start of
+//               the server, because other browsers may have continued meanwhile
+//   theme       sends the browser's preference when the page opens and when the preference changes
+//   connection  reloads the page when the server answers again. viser itself tries to reconnect every second; after some
+//               failures Chromium delays each attempt by up to 5 s, and the next attempt cancels it
+//   keys        makes arrow keys on a slider move only the slider, not the camera; Escape closes the large text
+//   camera      keeps the camera above the floor
 (() => {
 "use strict";
 const root = document.documentElement, CHANNEL = "fdcal command", REGION = /^<!--fdcal:(\w+)-->/;
 const MAX_COMMAND = 190;  // characters
 const WRITE_DELAY = 300, POLL = 700, RETRY = 6000, NOTE_TIME = 9000, SEND_INTERVAL = 60, SETTLED = 1000;  // ms
 const PART = 65536, AHEAD = 16 * PART;  // bytes of a part of a file, and of the parts that may be sent ahead of the answer
-const LEVEL = 1.54;  // rad from the zenith, just above the floor
+const LEVEL = 1.54;  // rad from the zenith, largest angle of the camera, which is then just above the floor
+// regionOf: region of a hidden control, by the control's identifier; shown: HTML of each region; waiting: newest command of
+// each slider that waits to be sent.
 const regionOf = new Map(), shown = new Map(), waiting = new Map();
+// worker: that of viser, which holds the connection; control: identifier of the control that takes commands; introduced:
+// whether layout and theme were sent; lost: whether the connection has ended.
 let worker = null, control = null, connected = false, greeted = false, introduced = false, lost = false;
-let lastRetry = -RETRY, count = 0, uploaded = 0, resume = () => {};  // bytes that have arrived, and the function that continues a waiting upload
-let shared = "", camera = null, moved = false, writing = 0, touched = -RETRY, placed = 0, server = "";
-const written = history.state?.fdcal ?? {};  // the address that this page wrote before a reload, and the start of the server that it was for
+// sentCount: number of commands; uploaded: bytes that have arrived; resume: continues an upload that waits.
+let lastRetry = -RETRY, sentCount = 0, uploaded = 0, resume = () => {};
+// common: the part of the address that is common to all browsers; camera: last message about the camera; moved: whether the
+// user has moved it; touched, placed: times of the last gesture and of the last command to the camera, ms; server: name of
+// this start of the server.
+let common = "", camera = null, moved = false, writeTimer = 0, touched = -RETRY, placed = 0, server = "";
+const written = history.state?.fdcal ?? {};  // the address that this page wrote before a reload, and the start of the server at that time
 let asked = location.hash.slice(1) || written.address || "";
 const setAddress = (state, hash) => history.replaceState(state, "", location.pathname + location.search + hash);
 
@@ -36,14 +44,15 @@ window.Worker = class extends Native {
     this.addEventListener("message", event => receive(this, event.data));
   }
   postMessage(data, ...others) {
-    if (data?.type == "retry" && !retries()) return;
-    if (data?.message?.type == "ViewerCameraMessage") { measure(data.message); follow(data.message); }
+    if (data?.type == "retry" && !mayRetry()) return;
+    if (data?.message?.type == "ViewerCameraMessage") { setCanvasSize(data.message); followCamera(data.message); }
     super.postMessage(data, ...others);
   }
 };
 
-// viser reports the pixels that it draws; their ratio to those of the page depends on screen and drawing speed.
-function measure(message) {
+// Replaces the size of the canvas in a message by its size in pixels of the page. viser reports the pixels that it draws,
+// whose number depends on screen and drawing speed.
+function setCanvasSize(message) {
   const canvas = document.querySelector("canvas[data-engine]");
   if (canvas?.clientWidth) [message.image_width, message.image_height] = [canvas.clientWidth, canvas.clientHeight];
 }
@@ -52,11 +61,11 @@ function receive(from, data) {
   if (data?.type == "connected") {
     [worker, connected, control, greeted, introduced] = [from, true, null, false, false];
     regionOf.clear();
-  } else if (data?.type == "closed" && connected) lose();
-  else if (data?.type == "message_batch") data.messages.forEach(read);
+  } else if (data?.type == "closed" && connected) reloadWhenAnswered();
+  else if (data?.type == "message_batch") data.messages.forEach(readMessage);
 }
 
-function read(message) {
+function readMessage(message) {
   if (message.type == "GuiHtmlMessage" && REGION.test(message.props.content)) {
     regionOf.set(message.uuid, REGION.exec(message.props.content)[1]);
     show(message.uuid, message.props.content);
@@ -72,7 +81,7 @@ function read(message) {
 
 function send(command) {
   if (!control || !connected || command.length > MAX_COMMAND) return false;
-  const value = `${Date.now().toString(36)}.${count++} ${command}`;  // viser drops a value that is the same as before
+  const value = `${Date.now().toString(36)}.${sentCount++} ${command}`;  // viser drops a value that is the same as before
   worker.postMessage({type: "send", message: {type: "GuiUpdateMessage", uuid: control, updates: {value}}});
   return true;
 }
@@ -91,18 +100,19 @@ function sendLatest(name, command) {
   next();
 }
 
+// Sends the theme and the layout, and opens the address, as soon as the server accepts commands.
 function introduce() {
   if (introduced || !greeted || !control) return;  // the greeting and the control arrive in either order
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
   send(`layout=${root.dataset.layout}`);
   const part = (text, name) => new URLSearchParams(text).get(name);
-  if (written.server != server || written.address != asked) open(asked);
-  else if (["scene", "lesson"].every(name => part(asked, name) == part(shared, name)))
-    open(asked.split("&").filter(pair => /^(layout|view)=/.test(pair)).join("&"));
+  if (written.server != server || written.address != asked) openAddress(asked);
+  else if (["scene", "lesson"].every(name => part(asked, name) == part(common, name)))
+    openAddress(asked.split("&").filter(pair => /^(layout|view)=/.test(pair)).join("&"));
 }
 
-function open(text) {
+function openAddress(text) {
   const parts = text.split("&");  // not decoded here: the server decodes them
   for (const pair of parts) if (pair.startsWith("layout=")) showLayout(pair.slice("layout=".length));
   text = parts.filter(pair => !pair.startsWith("layout=")).join("&");
@@ -111,30 +121,37 @@ function open(text) {
 
 // --- the overlay
 
-const overlay = document.createElement("div"), line = document.createElement("div");
+const overlay = document.createElement("div"), noteLine = document.createElement("div");
 overlay.id = "fdcal";
-line.id = "fdcal-note";
-line.setAttribute("role", "status");
+noteLine.id = "fdcal-note";
+noteLine.setAttribute("role", "status");
 for (const name of ["words", "invitation", "caption", "legend", "sheet", "bar"]) {
   const region = overlay.appendChild(document.createElement("div"));
   region.dataset.region = name;
   if (name == "bar") region.innerHTML = "<span class='scene'><span><b>fdcal</b><small>Starting ...</small></span></span>";
 }
 
+// The hidden controls that are not drawn, and their effects.
+const EFFECTS = {
+  greeting(html) { [greeted, server] = [true, html]; introduce(); },
+  address(html) { common = html.replaceAll("&amp;", "&"); root.toggleAttribute("data-shown", Boolean(common)); writeAddress(); },
+  labels(html) { setLabels(html); },
+  upload(html) { uploaded = Number(html); resume(); },
+  lecture(html) {
+    root.toggleAttribute("data-lecture", Boolean(html));
+    for (const label of labels) label.size = null;  // measured again, because the size of the type changes
+    drawnFrom = "";
+  },
+};
+
 function show(uuid, content) {
   const name = regionOf.get(uuid), html = content.replace(REGION, "");
   if (shown.get(name) == html && name != "greeting") return;
   shown.set(name, html);
-  if (name == "greeting") { [greeted, server] = [true, html]; introduce(); return; }
-  if (name == "address") { shared = html.replaceAll("&amp;", "&"); root.toggleAttribute("data-shown", Boolean(shared)); write(); return; }
-  if (name == "labels") { setLabels(html); return; }
-  if (name == "upload") { uploaded = Number(html); resume(); return; }
-  if (name == "lecture") {
-    root.toggleAttribute("data-lecture", Boolean(html));
-    for (const label of labels) label.size = null;  // measured again, because the size of the type changes
-    drawnFrom = "";
-    return;
-  }
+  if (EFFECTS[name]) EFFECTS[name](html); else drawRegion(name, html);
+}
+
+function drawRegion(name, html) {
   const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
   if (name == "invitation" && !html) root.removeAttribute("data-invited");  // a user who has begun needs no further invitation
   if (!region || name == "bar" && !html) return;  // the bar is empty while the server is loading
@@ -144,8 +161,8 @@ function show(uuid, content) {
   if (text() != before) for (const part of [region, ...region.querySelectorAll(".text")]) part.scrollTop = 0;
 }
 
-// Change only what differs, so that a slider that is dragged and a button that is pressed are not replaced. An element
-// with an id or a command is found by it, even if another one is inserted or removed before it.
+// Changes only what differs, so that a slider that is dragged and a button that is pressed are not replaced. An element is
+// found by its id or its command, if it has one, even if another element is inserted or removed before it.
 const keyOf = node => node.id || node.dataset?.do || node.dataset?.local || "";
 function morph(old, wanted) {
   const rest = [...old.childNodes];
@@ -168,10 +185,12 @@ function morph(old, wanted) {
 
 const layer = document.createElement("div");
 layer.id = "fdcal-labels";
+// awaited: HTML of texts whose scene is not drawn yet; drawnFrom: camera and canvas for which the texts were placed;
+// upright: whether the z axis is long enough for its numbers.
 let labels = [], awaited = null, drawnFrom = "", canvasSize = [0, 0], upright = true;
 const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: gap between texts; least length of an axis whose numbers are shown
 
-// viser draws a change of the scene later than it arrives; a text waits for the scene that it belongs to.
+// viser draws a change of the scene some time after its arrival; a text waits for the scene to which it belongs.
 function setLabels(html) {
   awaited = html;
   followScene();
@@ -184,7 +203,7 @@ function takeLabels() {
   awaited = null;
   labels = [...layer.querySelectorAll("span")].map(element => {
     const {at, anchor, axis} = element.dataset, [vertical, horizontal] = anchor.split("-");
-    return {element, axis, at: at.split(",").map(Number), share: [SIDES[horizontal], SIDES[vertical]], size: null};
+    return {element, axis, at: at.split(",").map(Number), anchor: [SIDES[horizontal], SIDES[vertical]], size: null};
   });
   drawnFrom = "";
 }
@@ -199,7 +218,7 @@ function followScene() {
   placeLabels(camera);
 }
 
-// A handle is an invisible disc; it must not write depth, because it would hide translucent objects behind it.
+// A handle is an invisible disc. It must not write depth, because it would then hide translucent objects behind it.
 function hideHandles() {
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName))
     if (/^\/picking\//.test(name))
@@ -212,7 +231,8 @@ function showTicks() {
   if (ticks) ticks.visible = upright;
 }
 
-// A surface stays until the next one is drawn, which takes a slow browser seconds. Only the newest drawn one is visible.
+// A surface stays until the next one is drawn, for which a slow browser needs seconds. Only the newest of the surfaces that
+// are drawn is visible.
 function showNewest() {
   const newest = {}, drawn = [];
   for (const [name, node] of Object.entries(window.__viserMutable.nodeRefFromName)) {
@@ -226,6 +246,7 @@ function showNewest() {
   for (const [kind, number, node] of drawn) node.visible = number == newest[kind];
 }
 
+// Projects the labels, and shows those that are inside the canvas and do not overlap an earlier one.
 function placeLabels(camera) {
   const root = window.__viserMutable.nodeRefFromName[""]?.matrixWorld;
   if (!root || !labels.length || !canvasSize[0]) return;
@@ -237,9 +258,9 @@ function placeLabels(camera) {
   for (const label of labels) {
     label.size ??= [label.element.offsetWidth, label.element.offsetHeight];
     const [x, y, z] = [0, 1, 2].map(i => label.at[i] + label.at[3] * up[i]), [u, v, w] = [0, 1, 3].map(i => e[i] * x + e[i + 4] * y + e[i + 8] * z + e[i + 12]);
-    label.place = [(1 + u / w) / 2, (1 - v / w) / 2].map((share, i) => share * canvasSize[i]);
+    label.place = [(1 + u / w) / 2, (1 - v / w) / 2].map((fraction, i) => fraction * canvasSize[i]);
     label.seen = w > 0;
-    label.box = label.place.map((at, i) => Math.round(at - label.share[i] * label.size[i]));
+    label.box = label.place.map((at, i) => Math.round(at - label.anchor[i] * label.size[i]));
     const [low, high] = span[label.axis] ?? [label.place, label.place];
     if (label.axis) span[label.axis] = [low.map((a, i) => Math.min(a, label.place[i])), high.map((a, i) => Math.max(a, label.place[i]))];
   }
@@ -257,20 +278,21 @@ function placeLabels(camera) {
 
 function showLayout(name) {
   const wanted = name == "expert" ? "expert" : "explore";
-  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // if the address has the present layout, the sheet stays open
+  if (root.dataset.layout != wanted) delete root.dataset.sheet;  // a sheet stays open if the layout does not change
   root.dataset.layout = wanted;
   if (introduced) send(`layout=${wanted}`);
-  setTimeout(unfold, 50);
-  write();
+  setTimeout(endTransitions, 50);
+  writeAddress();
 }
 
-// If viser unfolds a section on a phone while the panels are hidden, its transition never ends; this ends it.
-function unfold() {
+// If viser unfolds a section on a phone while the panels are hidden, the transition of the section never ends; this ends it.
+function endTransitions() {
   for (const section of document.querySelectorAll("#root [style*='will-change: height']"))
     section.dispatchEvent(new TransitionEvent("transitionend", {propertyName: "height", bubbles: true}));
 }
 
-// Upload files of the user in parts. The server reports the number of bytes received, or NaN if it refuses more.
+// Uploads files of the user in parts. The server reports how many bytes have arrived; it reports "refused", here NaN, if it
+// takes no more.
 let uploading = false;
 async function upload(form) {
   const {recording, positions, kind, celsius} = form.elements, button = form.querySelector("button");
@@ -323,9 +345,11 @@ for (const gesture of ["pointermove", "wheel"]) document.addEventListener(gestur
 
 // --- fingers
 
-// A finger selects the nearest microphone within REACH. Its disc has only a few pixels; the gesture is moved onto the disc.
+// A finger selects the nearest microphone within REACH. Since the disc of a microphone has only a few pixels, the gesture is
+// moved onto the disc.
 const REACH = 24;  // pixels
-let gesture = null;  // {id, shift}
+let gesture = null;  // {id, shift}: identifier of the pointer, and the shift, pixels, or undefined
+// The shift from a pointer onto the nearest disc, pixels; undefined if no disc is near enough.
 function shiftOnto(event) {
   const mutable = window.__viserMutable, canvas = event.target, box = canvas.getBoundingClientRect(), at = mutable.camera.position.clone();
   let best = null;
@@ -351,13 +375,13 @@ for (const kind of ["pointerdown", "pointermove", "pointerup", "pointercancel", 
 }, true);
 
 function note(text) {
-  line.textContent = text;
+  noteLine.textContent = text;
   clearTimeout(note.timer);
   if (text && !lost) note.timer = setTimeout(() => note(""), NOTE_TIME);
 }
 
-// Place the overlay over the canvas, between the panels, and tooltips beside the panel that they belong to.
-function cover(canvas) {
+// Places the overlay over the canvas, between the panels, and tooltips beside the panel to which they belong.
+function coverCanvas(canvas) {
   const place = () => {
     const {left, top, width, height} = canvas.getBoundingClientRect();
     const right = innerWidth - left - width, bottom = innerHeight - top - height;
@@ -386,59 +410,62 @@ document.addEventListener("keydown", event => {
 
 // --- address
 
-// After a gesture the camera counts as moved by the user, until the server places it.
-function follow(message) {
+// Remembers the camera and limits its angle. After a gesture the camera counts as moved by the user, until the server places
+// it.
+function followCamera(message) {
   const now = performance.now(), [before, here] = [camera?.position ?? [], message.position];
   if (now - touched < SETTLED && now - placed > SETTLED && here.some((x, i) => Math.abs(x - before[i]) > 1e-4)) moved = true;
   camera = message;
   const controls = window.__viserMutable?.cameraControl;  // if z is up, the camera must stay above the floor
   if (controls) controls.maxPolarAngle = message.up_direction[2] > 0.99 ? LEVEL : Math.PI;
-  write();
+  writeAddress();
 }
 
-function view() {
+// The camera for the address; "" for the plan view, in which a page opens anyway.
+function cameraText() {
   if (!camera) return "";
   const {position, look_at, up_direction, fov} = camera, level = Math.hypot(position[0] - look_at[0], position[1] - look_at[1]);
-  if (!moved && level < 1e-2 * Math.abs(position[2] - look_at[2])) return "";  // the plan view, in which a page opens anyway
+  if (!moved && level < 1e-2 * Math.abs(position[2] - look_at[2])) return "";
   return [...position, ...look_at, ...up_direction, fov].map(x => Number(x.toPrecision(6))).join();
 }
 
 function addressNow() {
-  const parts = [shared, root.dataset.layout == "expert" && "layout=expert", view() && `view=${view()}`];
+  const parts = [common, root.dataset.layout == "expert" && "layout=expert", cameraText() && `view=${cameraText()}`];
   return "#" + parts.filter(Boolean).join("&");
 }
 
-function write() {
-  clearTimeout(writing);
-  if (!introduced || lost || !shared) return;
-  writing = setTimeout(() => {
+function writeAddress() {
+  clearTimeout(writeTimer);
+  if (!introduced || lost || !common) return;
+  writeTimer = setTimeout(() => {
     if (lost) return;
-    if (root.hasAttribute("data-film")) { write(); return; }  // a page that is loaded again begins with the film
+    if (root.hasAttribute("data-film")) { writeAddress(); return; }  // a page that is loaded again begins with the film
     asked = addressNow().slice(1);
     setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
 }
-// `write` may already have replaced `location.hash` by the previous address. `asked` is kept for the reload after the
-// server stops.
+// The event contains the new address; `writeAddress` may already have replaced `location.hash` by the previous one. `asked`
+// is kept for the reload after the server has stopped.
 addEventListener("hashchange", event => {
-  clearTimeout(writing);  // a pending write would replace this address by the previous one
+  clearTimeout(writeTimer);  // a pending write would replace this address by the previous one
   asked = new URL(event.newURL).hash.slice(1);
-  open(asked);
+  openAddress(asked);
 });
 
 // --- connection
 
-function retries() {
+// Whether viser may try to connect again now; this also takes the time.
+function mayRetry() {
   if (lost || performance.now() - lastRetry < RETRY) return false;
   lastRetry = performance.now();
   return true;
 }
 
-function lose() {
+function reloadWhenAnswered() {
   if (lost) return;
   lost = true;
   note("The connection is lost. The page reloads when the server answers.");
-  let answers = 0;  // a server that stops may answer once more, over a socket that Chromium has opened in advance
+  let answers = 0;  // a server that stops may answer once more over a socket that Chromium has opened in advance, so two answers are needed
   const poll = async () => {
     try {
       answers = (await fetch(location.pathname, {method: "GET", cache: "no-store"})).ok ? answers + 1 : 0;
@@ -457,14 +484,14 @@ showLayout(new URLSearchParams(asked).get("layout"));
 root.toggleAttribute("data-linked", Boolean(asked));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", event => send(`dark=${event.matches ? "on" : "off"}`));
 addEventListener("DOMContentLoaded", () => {
-  document.body.append(layer, overlay, line);
+  document.body.append(layer, overlay, noteLine);
   document.body.addEventListener("keydown", event => {
     const slider = event.target.closest?.("[role=slider], [type=range], [role=radiogroup]");
     if (slider && /^Arrow|^Home$|^End$|^Page/.test(event.key)) event.stopPropagation();
   });
   const found = setInterval(() => {
     const canvas = document.querySelector("[data-dock-root] canvas[data-engine], canvas[data-engine]");
-    if (canvas) { clearInterval(found); cover(canvas); }
+    if (canvas) { clearInterval(found); coverCanvas(canvas); }
   }, 50);
   if (sessionStorage.getItem("fdcal back")) {
     sessionStorage.removeItem("fdcal back");
