@@ -11,8 +11,8 @@ import fdcal
 
 measurement = fdcal.load(sys.argv[1] if len(sys.argv) > 1 else "fig1_square")
 microphone = measurement.count - 1
-last = len(measurement.frequencies)
-panels = fdcal.landscape(measurement, microphone, modes=[last // 4, last // 2, 3 * last // 4])
+count = len(measurement.frequencies)
+panels = fdcal.landscape(measurement, microphone, modes=[count // 4, count // 2, 3 * count // 4])
 
 true = measurement.positions[microphone]
 for mode, minimum in zip([*panels.modes, "all"], panels.minima, strict=True):

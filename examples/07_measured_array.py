@@ -18,6 +18,6 @@ found = fdcal.calibrate(measurement)
 print(f"{measurement.take_count} takes, {len(measurement.frequencies)} frequencies; verdict {found.verdict}")
 print(f"RMS distance to the nominal positions {1000 * found.rms_error:.1f} mm")
 size, nominal = (np.linalg.norm(x - x.mean(axis=0)) for x in (found.positions, measurement.positions))
-print(f"size {size / nominal:.2f} of the nominal one")
+print(f"size: {size / nominal:.2f} times the nominal one")
 found.export("array.xml", force=True)  # for Acoular
 found.plot(measurement.positions, "nominal").savefig("measured-array.png", dpi=110)

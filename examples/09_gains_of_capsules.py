@@ -16,10 +16,10 @@ found.export("gains.csv", table="gains", force=True)
 found.export("calib.xml", table="gains", force=True)  # factors for Acoular
 
 channels = found.channels  # relative to the median channel
-for name, own, given, unit in (
+for name, estimated, true, unit in (
     ("gain", channels.gain_db, decibels, "dB"),
     ("phase", channels.phase_deg, degrees, "degrees"),
 ):
-    error = own - given
+    error = estimated - true
     error = error - np.median(error)
-    print(f"{name}: spread {np.std(given):.1f} {unit}, found to {np.sqrt(np.mean(error**2)):.3f} {unit} RMS")
+    print(f"{name}: spread {np.std(true):.1f} {unit}, found to {np.sqrt(np.mean(error**2)):.3f} {unit} RMS")

@@ -74,8 +74,8 @@ def draw_landscape(
     style: dict[str, Any] = {"origin": "lower", "interpolation": "nearest", "cmap": COLOUR_MAP, "extent": edges}
     style["norm"] = Normalize(low, max(high, low + LEAST_RANGE), clip=True)
     images, (left, right, bottom, top) = [], edges
-    known = {"microphones/true": truth, "microphones/estimate": estimate}
-    inside = {name: [place] for name, place in known.items()
+    given = {"microphones/true": truth, "microphones/estimate": estimate}
+    inside = {name: [place] for name, place in given.items()
               if place is not None and left <= place[0] <= right and bottom <= place[1] <= top}  # fmt: skip
     for panel, title, shown, minima in zip(axes, titles, scaled, self.marks, strict=False):
         images.append(panel.imshow(shown, **style))

@@ -121,7 +121,7 @@ def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] 
 
 
 def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
-    """Return the place of each cost on a scale, 0 at `low` and below to 1 at `high` and above."""
+    """Return the position of each cost on a scale: 0 for costs up to `low`, 1 for costs from `high` on."""
     cost = np.clip(cost, low, high)
     return np.log10(cost / low) / np.log10(high / low) if log and low > 0 else (cost - low) / (high - low)
 

@@ -15,7 +15,7 @@ from ..model.validation import mm_text
 from .glyphs import round_ticks, tick_texts
 from .marks import ESTIMATE, css
 
-MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; errors below and above are drawn as these, since the axis is logarithmic
+MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm; smaller and larger errors are drawn as these
 WIDTH, HEIGHT, MARGINS = 330, 135, (38, 16, 8, 32)  # size of a chart, and its margins left, top, right, bottom
 POINT, LETTER = 3.6, 6.5  # radius of a point, and mean width of a letter, in units of the chart
 FEW = 4  # number of channels that a list shows

@@ -143,7 +143,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
 
 # In radii of a marker, for a search domain that fills the screen: size of a text, and distances.
 LETTER, HEIGHT = 1.2, 2.8  # mean width of a letter, margins included; height of a text
-BESIDE, ABOVE = 3.2, 3.2  # distance of a name from its microphone, beyond a diamond around it
+BESIDE, ABOVE = 3.2, 3.2  # distance of a name from its microphone; a diamond fits in between
 MARK = 1.2  # radius of another mark
 # Directions from the microphone to its name, in the order of preference.
 SIDES = (
@@ -158,7 +158,7 @@ def name_place(
 ) -> tuple[tuple[float, float], Anchor]:
     """Return the position, metres, and the anchor of the name of a microphone at `place`.
 
-    It is inside `focus` and hides as few of `marks` as possible.
+    The name is inside `focus` and hides as few of `marks` as possible.
     """
     width, height = LETTER * len(text) * marker_radius, HEIGHT * marker_radius
     low, high = (np.reshape(marks, (-1, 2)) + reach for reach in (-MARK * marker_radius, MARK * marker_radius))
@@ -335,9 +335,9 @@ VISIBLE = 0.03  # half axis to which the median ellipse is enlarged, as a fracti
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
-    """Return the picture with the paths (T, N, D), metres, oldest state first, of the microphones that have moved.
+    """Return the picture with the paths (T, N, D), metres, of the microphones that have moved.
 
-    `floor`: the map, on which the paths lie if it is a relief.
+    `paths`: the positions in each state, the oldest first; `floor`: the map, on which the paths lie if it is a relief.
     """
     paths = np.asarray(paths, float)
     draped = drape(paths.reshape(-1, paths.shape[2]), floor)
@@ -401,7 +401,8 @@ def with_faulty_channels(picture: Picture, positions, faulty, floor: Floor | Non
 def with_volume(picture: Picture, volume: "Volume | None") -> Picture:
     """Return the picture with isosurfaces and minima of the cost of a microphone in space; None adds nothing.
 
-    The minima are diamonds, upright and level, so that they show from every side; the lowest are the largest.
+    Each minimum has a vertical and a horizontal diamond, so that it is visible from every side; the lowest have the
+    largest ones.
     """
     if volume is None:
         return picture
@@ -440,10 +441,10 @@ def along(points: Reals, fraction: float) -> Reals:
 
 
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
-    """Return the centre (3,), metres, of a ball at `place` (D,); over a valley narrower than the ball it is higher."""
+    """Return the centre (3,), metres, of a ball at `place` (D,); a valley narrower than the ball raises it."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on_map(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
-    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # of marks on a map
+    above = layer_height(Layer.MINIMUM, picture.marker_radius)  # height of the marks on a map
     return ground if len(place) == 3 else ground + [0.0, 0.0, above + 0.75 * ball]
 
 

@@ -132,7 +132,7 @@ class Label:
 
 
 def by_rank(labels: Iterable[Label]) -> list[Label]:
-    """Return texts in the order of priority: names, axes, numbers, and the texts of z; a text hides later ones."""
+    """Return texts by priority: names, axes, numbers, texts of z; a text hides later ones that overlap it."""
     names, numbers = [], []
     for label in labels:
         (numbers if label.name.startswith("frame/") else names).append(label)

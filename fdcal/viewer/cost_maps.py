@@ -135,7 +135,7 @@ def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tupl
 def fine_maps(
     run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, kept: Collection[int] = ()
 ) -> tuple[list[Reals], Reals, Search] | None:
-    """Return maps of single modes, the sum of all, and their lattice, as fine as the screen; None once cancelled.
+    """Return maps of single modes, the sum of all modes, and their lattice, which suits a screen; None if cancelled.
 
     `cancelled`: returns whether the maps are no longer wanted; `kept`: indices of those modes of the request whose
     single maps are returned. InputError if there is no search domain, or if a mode cannot be shown at the order of the

@@ -42,7 +42,7 @@ HANDLE_RADIUS = 1.7  # radius of a handle, in radii of a marker
 # Sizes of handles relative to HANDLE_RADIUS:
 FIXED = 0.9  # of microphones that cannot be dragged, so that a finger hits the others more easily
 BALL = 1.6  # of the ball, which users drag more often than other microphones
-SPECK = 1e-3  # of handles that the pointer must not hit: those in the corners of the domain and, at first, all
+SPECK = 1e-3  # of handles that the pointer must not hit: those in the corners of the domain, and all handles at first
 HANDLE_HEIGHT = 14 / 24  # height of a handle's centre over the floor, in radii of a marker
 
 
@@ -67,7 +67,7 @@ class Descent:
 
     path: DescentPath
     drawn: CostMap
-    home: bool | None = None  # whether the path ends in the basin of the true position; None if that is unknown
+    reaches_truth: bool | None = None  # whether it ends in the basin of the true position; None: unknown
     distance: float = math.nan  # from the end of the path to the true position, metres; NaN if unknown
 
     def cost_text(self, index: int) -> str:
@@ -78,9 +78,9 @@ class Descent:
     def text(self) -> str:
         """Where the path ends, in words."""
         edge = "At the edge of the map" if self.path.basin == OUTSIDE else ""
-        if self.home is None:
+        if self.reaches_truth is None:
             return f"{edge or 'At rest'}, misfit {self.cost_text(-1)}"
-        if self.home:
+        if self.reaches_truth:
             return f"Reached the true position within {math.ceil(1e3 * self.distance)} mm"
         off = f"{1e3 * self.distance:.0f} mm" if self.distance < 0.0995 else f"{1e2 * self.distance:.0f} cm"
         return f"{edge or 'Trapped'}, {off} off"
@@ -194,8 +194,8 @@ class Drop:
             self._say("Misfit " + descent.cost_text(int(np.linalg.norm(descent.path.points - place, axis=1).argmin())))
             return MovingMicrophone(drag.microphone, (*place.tolist(), *height), "", descent.path.points)
         if self._rest(view, drag, end, now):
-            if descent.home is not None:
-                self.tries, self.reached = self.tries + 1, self.reached + descent.home
+            if descent.reaches_truth is not None:
+                self.tries, self.reached = self.tries + 1, self.reached + descent.reaches_truth
             self._say(descent.text, ended=True)
         return MovingMicrophone(drag.microphone, tuple(end.tolist()), descent.text)
 
@@ -240,10 +240,10 @@ class Drop:
         if truth is None or run.measurement.nominal:
             return Descent(path, drawn)
         place, end = truth[drag.microphone], np.append(path.points[-1], drag.place[cost.ndim :])
-        home = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
+        reaches_truth = path.basin >= 0 and basins.at(search, place[: cost.ndim]) == path.basin
         # On the map of a layer the height must agree as well.
-        home = home and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step
-        return Descent(path, drawn, bool(home), float(np.linalg.norm(end - place)))
+        reaches_truth = reaches_truth and np.abs(end - place)[cost.ndim :].max(initial=0.0) <= search.step
+        return Descent(path, drawn, bool(reaches_truth), float(np.linalg.norm(end - place)))
 
 
 NUMBERS = itertools.count()  # for the names of the handles' nodes, which must differ

@@ -1,8 +1,8 @@
-"""The layout Explore: a bar on the canvas with scene, method, Play, frequencies and microphone, and two sheets.
+"""The layout Explore: a bar on the canvas with scene, method, Play, frequencies and microphone, and three sheets.
 
-A browser opens with this layout; "Expert" shows the panels instead. Each browser chooses its layout (`server/page.js`),
-so that a lecturer can use the panels while all others see only the canvas. The commands of the bar are declared with
-the controls of the panels (`Binding.commands`).
+The sheets list the scenes, the lessons, and what a user can share. A browser opens with this layout; "Expert" shows
+the panels instead. Each browser chooses its layout (`server/page.js`), so that a lecturer can use the panels while all
+others see only the canvas. The commands of the bar are declared with the controls of the panels (`Binding.commands`).
 
 Below the list of scenes a form takes files of the user (`OwnFiles`). They arrive in parts, in viser's messages for
 uploads, and are kept in a private temporary folder until the server ends. The page accepts files only if no other

@@ -1,6 +1,6 @@
 // The opening: modes are added to a map with many minima until one is left, and a microphone rolls into it. Each browser
 // plays it independently, from data in the page (`fdcal.viewer.opening`) and without messages from the server. A touch or
-// a key ends it. The last picture stays until the map of the session is context, if there is one.
+// a key ends it. The last picture stays until the map of the session is drawn, if there is one.
 //
 // There are three canvases: the shadow below, the relief in WebGL, and marks and texts above. Lengths are metres; y points
 // up in the map. Colours follow the browser's preference.
@@ -21,7 +21,7 @@ if (!gl || document.documentElement.hasAttribute("data-linked")) { root.remove()
 const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2], cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const plus = (a, b, s = 1) => a.map((v, i) => v + s * b[i]), unit = a => a.map(v => v / Math.hypot(...a));
 const TOWARDS = unit(data.direction), RIGHT = unit(cross(TOWARDS.map(v => -v), [0, 0, 1])), UP = cross(TOWARDS, RIGHT);
-const slope = Math.tan(data.fov / 2);  // of the upper edge of the field of view
+const slope = Math.tan(data.fov / 2);  // tangent of half the field of view
 function project({eye, wide, tall}, p) {
   const d = plus(p, eye, -1), depth = -dot(d, TOWARDS), pixels = tall / (2 * depth * slope);
   return [wide / 2 + dot(d, RIGHT) * pixels, tall / 2 - dot(d, UP) * pixels, pixels];
@@ -85,7 +85,7 @@ function restingOn([x, y], radius) {
 // --- the relief: its surface and the two sides that are seen, in one strip of triangles each
 
 const VERTEX = `#version 300 es
-in vec3 place; in vec2 look;
+in vec3 place; in vec2 look;  // look: level on the colour scale, or -1 on a side, and brightness
 uniform vec3 eye, right, up, towards; uniform vec4 lens;
 out vec2 shown;
 void main() {

@@ -166,11 +166,11 @@ def canvas_legend(bar: ColourBar | None, entries: Iterable[Mark], hint: str = ""
 
     def for_both_layouts(text: str) -> str:
         """Return a text in the words of Expert and, if they differ, in those of Explore."""
-        kept, plain = (
+        usual, plain = (
             re.sub("z = .* m|[0-9.]+( to [0-9]+)? Hz", lambda found: found[0].replace(" ", "&nbsp;"), escape(one))
             for one in (text, explore.sub(lambda found: EXPLORE[found[0]], text))
         )
-        return kept if kept == plain else f"<span class='expert'>{kept}</span><span class='explore'>{plain}</span>"
+        return usual if usual == plain else f"<span class='expert'>{usual}</span><span class='explore'>{plain}</span>"
 
     scale, advice = "", f"<p>{for_both_layouts(hint)}</p>" if hint else ""
     if bar is not None:

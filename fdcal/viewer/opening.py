@@ -1,7 +1,7 @@
 """The opening of the page: a film, and the scene of the session behind it.
 
 In the film, modes are added to a map with many minima until one is left, and a microphone rolls into it. The film is
-part of the page's HTML: each browser plays it from its beginning without a message of the server (`film.js`), and a
+part of the page's HTML: each browser plays it from its beginning without a message from the server (`film.js`), and a
 touch or a key ends it in this browser. `docs/opening.py` writes the files, so that nothing has to be simulated.
 """
 

@@ -146,7 +146,7 @@ class RunBar(Tab):
     def __init__(self, binding: Binding):
         self._binding, gui = binding, binding.gui
         self._lesson = False  # whether a lesson is shown: each of its runs begins slowly
-        self._since, self._paced = -1.0, float(self._rate)  # start of the run, s, or below 0; its steps per second
+        self._since, self._paced = -1.0, float(self._rate)  # start of the run, s, or -1; its steps per second
         self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         hint = "Run until paused; a run that has ended restarts"
         run = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint=hint)

@@ -30,7 +30,7 @@ from ..session.sources import OpenRequest, as_given
 from ..session.worker import LatestWorker, Memo
 from ..solvers.interface import Solver
 
-COMPILE_TIME = 1.0  # s; a function that takes longer is being compiled, a faster one is read from the disk
+COMPILE_TIME = 1.0  # s; a longer call compiles a function, and a shorter one reads it from the disk
 
 
 class Cancelled(Exception):

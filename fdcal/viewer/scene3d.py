@@ -278,8 +278,8 @@ def relief_of(floor: Floor, heights: np.ndarray) -> "trimesh.Trimesh":
     """
     grid = relief_grid(floor, heights)
     vertices = grid.reshape(-1, 3)
-    u, v = (
-        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # otherwise opposite edges would mix
+    u, v = (  # limited, because otherwise the colours of opposite edges would mix
+        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)
         for places, low, size, count in zip(vertices.T[:2], floor.origin, floor.size, heights.shape[::-1], strict=True)
     )
     return textured(vertices, grid_faces(*grid.shape[:2]), np.column_stack([u, v]), floor.rgb)

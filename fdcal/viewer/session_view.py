@@ -119,8 +119,8 @@ class SessionPicture:
             positions[moving.microphone, : len(moving.place)] = moving.place
         scene, measurement = self._run.known_scene, self._measurement
         relief = None if floor is None or floor.heights is None else floor  # the true microphones stand on it
-        look = choices.dark, relief, choices.lecture
-        static = self._static(lambda: pictures.static_picture(scene, measurement, *look), *look)
+        style = choices.dark, relief, choices.lecture
+        static = self._static(lambda: pictures.static_picture(scene, measurement, *style), *style)
         truth = measurement.positions  # an array without known microphones is moved onto them
         picture = pictures.with_estimate(static, measurement, positions, microphone, floor, truth, choices.marks)
         picture = pictures.with_volume(pictures.with_floor(picture, floor), volume)
@@ -186,7 +186,7 @@ class Viewer:
         self.binding = Binding(panels.gui, run, modes, page.open, before, page.wake.set, call)
         self.fault, self._fault_time = "", 0.0
         self.view, self._viewed, self._costs = run.session.view, 0.0, -1  # view, its time, number of costs
-        self._revision, self._state = 0, run.session.view.state  # counts the states that were shown
+        self._revision, self._state = 0, run.session.view.state  # number of states shown so far, the last one
         self._selected = self.binding.choices.microphone  # the microphone of the map
         # position from which the last step has moved a microphone, and the time of the step
         self._moved: tuple[np.ndarray, float] | None = None

@@ -83,4 +83,4 @@ function writeAddress() {
   }, 250);
 }
 // The event contains the new address; `writeAddress` may already have replaced `location.hash` by the previous one.
-window.addEventListener("hashchange", event => { clearTimeout(writeTimer); playing = false; readAddress(new URL(event.newURL).hash); theme(document.documentElement.dataset.theme == "dark"); });
+window.addEventListener("hashchange", event => { clearTimeout(writeTimer); playing = false; readAddress(new URL(event.newURL).hash); setTheme(document.documentElement.dataset.theme == "dark"); });

@@ -172,8 +172,8 @@ class Landscapes {
     this.shape = edge.map(e => Math.max(Math.round(e / this.step), 2));
     this.places = this.shape.map((count, axis) => Array.from({length: count}, (_, i) => this.corner[axis] + (i + 0.5) * this.step));
   }
-  // Pressures (N) of a mode at a state, divided by the gains that the solver estimates, and the scale of each row of W; both
-  // have unit noise.
+  // Pressures (N) of a mode at a state, divided by the gains that the solver estimates, and the scale of each row of W. Both
+  // are scaled so that the noise of every channel is 1.
   pressures(index, state) {
     const {pressures, mode_scale, channel_scale, gains, noise} = this.arrays, N = this.N;
     const p = new Float64Array(2 * N), scale = new Float64Array(N).fill(1);

@@ -4,14 +4,14 @@
 const lesson = data.lesson, SECONDS = 6;  // about the time for which a run plays
 let stepAt = 0, answer = -1;  // indices of the step and of the chosen answer, which is -1 before the answer
 let awaitsEnd = false;  // whether the explanation is shown only when the run has ended
-let part = {}, ellipsed = false;  // the present part; whether error ellipses are drawn
+let part = {}, showsEllipses = false;  // the present part; whether error ellipses are drawn
 function explainAtEnd() { if (awaitsEnd && at >= range[1]) showCaption(); }
 
 function enterStep(number, choice = -1) {
   const {steps} = lesson, parts = steps.slice(0, number).flatMap(one => one.parts).concat(steps[number].parts.slice(0, choice < 0 ? 1 : 2));
   const entered = parts.at(-1), set = Object.assign({}, ...parts.filter(one => one.run == entered.run)), count = entered.range[1] - entered.range[0];
   if (entered.run != run) { loadRun(number, choice); return; }
-  stepAt = number; answer = choice; part = entered; ellipsed = set.ellipses ?? false;
+  stepAt = number; answer = choice; part = entered; showsEllipses = set.ellipses ?? false;
   returnToRun();
   [at, range] = [entered.range[0], entered.range];
   selected = set.microphone >= 0 ? set.microphone : oneMoves ? -1 : free[0] ?? 0; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
@@ -33,7 +33,7 @@ function loadRun(number, choice) {
 const namedNow = () => lesson && at >= range[1] && !own ? part.marks ?? [] : null;
 // Draws the microphones of `namedNow` with their errors, and the ellipses.
 function drawNamed(pen, on, now, r, w) {
-  if (ellipsed && at == T - 1) data.ellipses?.axes.forEach(([a, b], n) => {
+  if (showsEllipses && at == T - 1) data.ellipses?.axes.forEach(([a, b], n) => {
     const centre = placeOf(at, n), rim = Array.from({length: 37}, (_, i) => i * Math.PI / 18).map(turn => on(centre.map((v, axis) => v + Math.cos(turn) * a[axis] + Math.sin(turn) * b[axis])));
     stroke(pen, rim, marks.ellipse.colour, 1.8);
   });

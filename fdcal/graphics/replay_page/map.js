@@ -43,7 +43,7 @@ async function computeMaps() {
       if (dropped) break;
     }
     if (dropped) continue;
-    map = finished(job, found, lattice); scene(); showModes();
+    map = finished(job, found, lattice); drawScene(); showModes();
     if (own?.waiting >= 0) release(own.waiting);
   }
   working = false;
@@ -53,7 +53,7 @@ function percentile(sorted, percent) {
   const at = percent / 100 * (sorted.length - 1), i = Math.floor(at), next = sorted[Math.min(i + 1, sorted.length - 1)];
   return sorted[i] + (at - i) * (next - sorted[i]);
 }
-// The colours of costs (ny, nx) on a logarithmic scale from low to high, as a canvas of a pixel for each cost.
+// The colours of costs (ny, nx) on a logarithmic scale from low to high, as a canvas with a pixel for each cost.
 function imageOf(cost, nx, ny, low, high) {
   const image = document.createElement("canvas"), range = Math.log10(high / low) || 1;
   image.width = nx; image.height = ny;

@@ -23,7 +23,7 @@ function placeAt(e, z) {
   return [(u * b[1] - v * b[0]) / area, (a[0] * v - a[1] * u) / area];
 }
 // The nearest point of the search domain.
-const inside = ([x, y]) => [x, y].map((v, i) => Math.min(Math.max(v, landscapes.corner[i]), landscapes.corner[i] + landscapes.edge[i]));
+const insideDomain = ([x, y]) => [x, y].map((v, i) => Math.min(Math.max(v, landscapes.corner[i]), landscapes.corner[i] + landscapes.edge[i]));
 
 // The free microphone nearest to the pointer, if the map is shown and the microphone is near enough, otherwise -1.
 function grabbed(e) {
@@ -34,7 +34,7 @@ function grabbed(e) {
 }
 function dragTo(n, e) {
   leaveRun();
-  const [x, y] = inside(placeAt(e, own.places[n][2] + reliefHeight(own.places[n])));
+  const [x, y] = insideDomain(placeAt(e, own.places[n][2] + reliefHeight(own.places[n])));
   Object.assign(own, {words: "", path: null, waiting: -1});
   rolling = null; selected = n; own.places[n] = [x, y, own.places[n][2]];
   if (map?.n == n && map.key == wanted.key) { own.path = downhill(map, [x, y]); own.words = `${level(map, [x, y]).toFixed(1)} dB`; }
@@ -52,7 +52,7 @@ function roll(time) {
   const at = (path.length - 1) * fraction * fraction * (3 - 2 * fraction), i = Math.min(Math.floor(at), path.length - 1), j = Math.min(i + 1, path.length - 1);
   own.places[n] = [0, 1].map(axis => path[i][axis] + (at - i) * (path[j][axis] - path[i][axis])).concat(own.places[n][2]);
   own.path = path.slice(i); own.words = "";
-  if (fraction < 1) { scene(); requestAnimationFrame(roll); return; }
+  if (fraction < 1) { drawScene(); requestAnimationFrame(roll); return; }
   own.path = null; rolling = null;
   landed(n, over);
 }

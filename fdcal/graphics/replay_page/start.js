@@ -21,15 +21,15 @@ $("descend").onclick = () => takeSteps(1);
 $("sweepall").onclick = () => takeSteps(free.length);
 $("back").onclick = () => { returnToRun(); show(); };
 if (maps) mapControls(); else $("mapbar").hidden = true;
-$("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };
+$("theme").onclick = () => { themed = true; setTheme(document.documentElement.dataset.theme != "dark"); };
 document.addEventListener("keydown", e => {
   if (e.ctrlKey || e.altKey || e.metaKey || e.target.tagName == "SELECT") return;
-  const ranged = e.target.type == "range", keys = {" ": () => play(!playing), t: () => setView(true), "3": () => setView(false),
+  const onSlider = e.target.type == "range", keys = {" ": () => play(!playing), t: () => setView(true), "3": () => setView(false),
     Home: () => go(range[0]), End: () => go(range[1]), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
-  if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || ranged && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
+  if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || onSlider && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
   e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
 });
 readAddress(location.hash);
-theme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
+setTheme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
 new ResizeObserver(show).observe($("scene"));
 if (maps && new URLSearchParams(location.hash.slice(1)).get("opening") == "on") playOpening();

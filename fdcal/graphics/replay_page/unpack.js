@@ -1,5 +1,6 @@
-// Returns the arrays that fdcal/graphics/replay.py has packed, by name. The bytes of an array are in planes, the lowest bytes
-// of all its values first; integers of four bytes are differences along the first axis.
+// Returns the arrays that fdcal/graphics/replay.py has packed, by name. The bytes of an array are stored in planes: the
+// lowest bytes of all its values, then the second lowest and so on. Integers of four bytes are differences along the first
+// axis.
 async function unpack(packed) {
   const compressed = Uint8Array.from(atob(packed.bytes), c => c.charCodeAt(0));
   const stream = new Blob([compressed]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -98,7 +98,7 @@ function drawMark(pen, place, draw) {
   draw();
   pen.globalAlpha = 1;
 }
-// Points from one place to another; over a relief many, so that the line between them lies on it.
+// Points on the line from one place to another: many over a relief, so that the line lies on it.
 function between(one, other) {
   const count = maps && reliefShown() ? 24 : 1;
   return Array.from({length: count + 1}, (_, i) => one.map((v, axis) => v + i / count * (other[axis] - v)));
@@ -143,22 +143,22 @@ function drawFrame(pen, project) {
   stroke(pen, [[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]].map(project), ink, 1.2, true);
   if (z1 > z0 && !flat) stroke(pen, [[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]].map(project), faint, 1, true);
   pen.fillStyle = ink;
-  for (const [low, high, at, left] of [[x0, x1, v => [v, y0, z0], 0], [y0, y1, v => [x0, v, z0], 1]]) {
+  for (const [low, high, onEdge, left] of [[x0, x1, v => [v, y0, z0], 0], [y0, y1, v => [x0, v, z0], 1]]) {
     const [values, digits] = ticks(low, high, 5);
     values.forEach((v, i) => {
-      const p = project(at(v)), text = fixed(v, digits);
+      const p = project(onEdge(v)), text = fixed(v, digits);
       stroke(pen, left ? [p, [p[0] - 5, p[1]]] : [p, [p[0], p[1] + 5]], ink, 1.2);
       pen.textAlign = left ? "right" : "center";
       pen.fillText(text, p[0] - (left ? 8 : 0), p[1] + (left ? 4 : 18));
     });
-    const end = project(at(high));
+    const end = project(onEdge(high));
     pen.textAlign = left ? "center" : "right";
     pen.fillText(left ? "y (m)" : "x (m)", end[0], end[1] + (left ? -7 : 32));
   }
   pen.textAlign = "left";
 }
 
-function scene() {
+function drawScene() {
   $("reset").hidden = eye.zoom == 1 && !eye.x && !eye.y && (flat || eye.azimuth == TURNED && eye.elevation == RAISED);
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
@@ -204,10 +204,11 @@ function scene() {
   drawnAt = now;
 }
 
+// States at which the solver has restarted.
 const restarts = (begin, finish) => Array.from({length: finish - begin}, (_, i) => begin + 1 + i).filter(t => restart[t] != restart[t - 1]);
 
 // Draws curves over the steps into a canvas, and returns the first and the last column of pixels of their axis.
-function curve(id, series, log) {
+function drawCurve(id, series, log) {
   const [pen, w, h] = fit($(id)), left = 52, right = 8, top = 6, bottom = 20, ink = css("--ink"), faint = css("--faint");
   const usable = v => Number.isFinite(v) && (!log || v >= 0), [begin, finish] = range;
   const shown = series.flatMap(([values]) => [...values.slice(begin, finish + 1)].filter(usable)), drawable = shown.filter(v => !log || v > 0);
@@ -274,9 +275,9 @@ function showTexts() {
 
 let axis = [0, 1];  // columns of pixels of the curves at the first and the last state
 function show() {
-  requestMap(); scene(); showTexts(); showModes(); showPlay(); writeAddress();
-  if (mean) axis = curve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
-  if (cost) axis = curve("costs", [[cost, BLUE, 2]], false);
+  requestMap(); drawScene(); showTexts(); showModes(); showPlay(); writeAddress();
+  if (mean) axis = drawCurve("error", [[largest, ORANGE, 1.3], [mean, RED, 2]].map(([values, ...style]) => [values.map(v => v < 1e-9 ? 0 : 1e3 * v), ...style]), true);
+  if (cost) axis = drawCurve("costs", [[cost, BLUE, 2]], false);
   Object.assign($("time"), {min: range[0], max: range[1], value: at});
   $("play").textContent = playing ? "Pause" : "Play";
   if (lesson) explainAtEnd();
@@ -303,7 +304,7 @@ function setView(top, azimuth = TURNED, elevation = RAISED) {
   $("top").setAttribute("aria-pressed", top); $("turn").setAttribute("aria-pressed", !top);
   show();
 }
-function theme(dark) {
+function setTheme(dark) {
   document.documentElement.dataset.theme = dark ? "dark" : "light";
   $("theme").textContent = dark ? "Light" : "Dark";
   show();
@@ -331,8 +332,8 @@ view.addEventListener("pointermove", e => {
     if (dragged >= 5) dragTo(taken, e);
   } else if (flat || e.shiftKey || e.buttons & 6) {
     const [, scale] = projector(view.clientWidth, view.clientHeight);
-    eye.x += dx / scale; eye.y -= dy / scale; scene();
-  } else { eye.azimuth += dx * 0.008; eye.elevation = Math.min(Math.max(eye.elevation + dy * 0.008, 0.05), Math.PI / 2); scene(); }
+    eye.x += dx / scale; eye.y -= dy / scale; drawScene();
+  } else { eye.azimuth += dx * 0.008; eye.elevation = Math.min(Math.max(eye.elevation + dy * 0.008, 0.05), Math.PI / 2); drawScene(); }
   writeAddress();
 });
 for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, e => {
@@ -346,7 +347,7 @@ view.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(-e.delta
 view.addEventListener("dblclick", () => setView(flat));
 function zoom(by) {
   eye.zoom = Math.min(Math.max(eye.zoom * by, 0.1), 40);
-  scene(); writeAddress();
+  drawScene(); writeAddress();
 }
 function pick(e) {
   const box = view.getBoundingClientRect(), far = p => Math.hypot(p[0] - e.clientX + box.left, p[1] - e.clientY + box.top);

@@ -184,7 +184,7 @@ def own_page_only(
         except OSError:  # a name that is too long for a file
             return connection.respond(http.HTTPStatus.NOT_FOUND, "404\n")
         if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-            response.body = with_title(bytes(response.body), response.headers.get("Content-Encoding") == "gzip", film)
+            response.body = own_page(bytes(response.body), response.headers.get("Content-Encoding") == "gzip", film)
             del response.headers["Content-Length"]
             response.headers["Content-Length"] = str(len(response.body))
             # so that no other site can show the page in a frame and trick users into clicks
@@ -196,7 +196,7 @@ def own_page_only(
 
 
 @functools.lru_cache(maxsize=4)
-def with_title(body: bytes, zipped: bool, film: str = "") -> bytes:
+def own_page(body: bytes, zipped: bool, film: str = "") -> bytes:
     """Return viser's page with the title TITLE, page.css and page.js; any other page is not changed.
 
     `body`: bytes of the page; `zipped`: whether gzip has compressed them; `film`: HTML for the beginning of its body.
@@ -271,7 +271,8 @@ def open_server(host: str, port: int, film: str = "", on_sent: Callable[[], None
 def allowed_origins(host: str) -> list[re.Pattern[str]]:
     """Return the origins from which a page may connect to a server at `host`: a pattern for the names of this machine.
 
-    `host`: address at which the server listens. The port is that of the address asked (`own_page_only`).
+    `host`: address at which the server listens. The pattern accepts any port, because `own_page_only` compares the port
+    with that of the header Host.
     """
     names = {*LOOPBACK, host}
     if host not in LOOPBACK:

@@ -107,6 +107,7 @@ function introduce() {
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
   send(`layout=${root.dataset.layout}`);
   const part = (text, name) => new URLSearchParams(text).get(name);
+  // A reloaded page that shows the same scene restores only its layout and its camera.
   if (written.server != server || written.address != asked) openAddress(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(common, name)))
     openAddress(asked.split("&").filter(pair => /^(layout|view)=/.test(pair)).join("&"));
@@ -152,12 +153,12 @@ function show(uuid, content) {
 }
 
 function drawRegion(name, html) {
-  const region = overlay.querySelector(`[data-region="${name}"]`), made = document.createElement("template");
+  const region = overlay.querySelector(`[data-region="${name}"]`), template = document.createElement("template");
   if (name == "invitation" && !html) root.removeAttribute("data-invited");  // a user who has begun needs no further invitation
   if (!region || name == "bar" && !html) return;  // the bar is empty while the server is loading
-  made.innerHTML = html;
+  template.innerHTML = html;
   const text = () => region.querySelector(".text")?.textContent, before = text();
-  morph(region, made.content);
+  morph(region, template.content);
   if (text() != before) for (const part of [region, ...region.querySelectorAll(".text")]) part.scrollTop = 0;
 }
 
@@ -304,12 +305,12 @@ async function upload(form) {
   let sent = uploaded = 0;
   uploading = true;
   for (const [name, file] of files) {
-    const of = {source_component_uuid: "", transfer_uuid: ""};
-    post({type: "FileTransferStartUpload", ...of, source_component_uuid: name, filename: file.name.slice(-150), mime_type: "",
+    const ids = {source_component_uuid: "", transfer_uuid: ""};
+    post({type: "FileTransferStartUpload", ...ids, source_component_uuid: name, filename: file.name.slice(-150), mime_type: "",
       part_count: Math.ceil(file.size / PART), size_bytes: file.size});
     for (let at = 0; at < file.size && connected && !isNaN(uploaded); at += PART) {
       const content = new Uint8Array(await file.slice(at, at + PART).arrayBuffer());
-      post({type: "FileTransferPart", ...of, part_index: at / PART, content});
+      post({type: "FileTransferPart", ...ids, part_index: at / PART, content});
       sent += content.length;
       button.textContent = `Sending, ${Math.round(100 * uploaded / total)} %`;
       while (sent - uploaded > AHEAD && connected) await new Promise(next => { resume = next; setTimeout(next, POLL); });
@@ -439,7 +440,7 @@ function writeAddress() {
   if (!introduced || lost || !common) return;
   writeTimer = setTimeout(() => {
     if (lost) return;
-    if (root.hasAttribute("data-film")) { writeAddress(); return; }  // a page that is loaded again begins with the film
+    if (root.hasAttribute("data-film")) { writeAddress(); return; }  // not during the film, which a reloaded page then shows from its beginning
     asked = addressNow().slice(1);
     setAddress({fdcal: {server, address: asked}}, `#${asked}`);
   }, WRITE_DELAY);
@@ -454,7 +455,7 @@ addEventListener("hashchange", event => {
 
 // --- connection
 
-// Whether viser may try to connect again now; this also takes the time.
+// Whether viser may try to connect again now. The time of an allowed attempt is remembered.
 function mayRetry() {
   if (lost || performance.now() - lastRetry < RETRY) return false;
   lastRetry = performance.now();

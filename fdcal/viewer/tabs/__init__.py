@@ -2,7 +2,7 @@
 
 May import: the packages below viewer, and the modules of viewer but page, panels, session_view and explore.
 
-curves, scene, view                      the main panel on the right; lessons stand on the canvas
-map                                      the tab Map of the panel on the left
-microphones                              the other tab there
+curves, scene, view   the tabs of the main panel on the right
+map, microphones      the tabs Map and Mics of the panel on the left
+lessons               the lessons, which are shown on the canvas
 """

@@ -4,8 +4,8 @@ A plot stays on the page while its data and axes change. If a plot were removed 
 for a moment and move the controls below it, and data for the old plot could still arrive.
 
 If the axes change, the page builds a new chart. viser's page keeps the visible part of the abscissa when the extent of
-the data changes. If data and axes change at the same time, it uses the part of the old chart, and the curve is drawn in
-a corner or cut off. The axes are therefore sent some time after the data.
+the data changes. If data and axes change at the same time, the page keeps the part of the old chart, and the curve is
+drawn in a corner or cut off. The axes are therefore sent some time after the data.
 
 uPlot writes small numbers as 0; therefore errors are drawn in millimetres and costs in decibels. NaN is never sent,
 because uPlot would then search for axis ticks endlessly.
@@ -25,7 +25,7 @@ RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # largest number of decades each of which has a number on the axis
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
 APART = 0.3  # s, delay of new axes after the data that need them
-PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
+PADDING = (12, 22, 0, 0)  # pixels; half of the last number extends beyond the axis on the right
 
 # Of the ordinate: the powers of ten on a logarithmic axis; the ends of a linear axis; None: uPlot chooses the axis.
 Ends = range | tuple[float, float] | None
@@ -148,7 +148,7 @@ class CurvesTab(Tab):
         for one in history[kept:]:
             errors = self._measurement.errors(one.positions, self._sought)
             errors = np.zeros(1) if errors is None else errors[self._sought]
-            # a finite number, also if the error is NaN
+            # a finite number, even if the error is NaN
             finite = (min(max(ZERO, float(1e3 * error)), 1e12) for error in (errors.mean(), errors.max()))
             all_at_once = one.step == one.sweep  # each step of the solver moves all microphones
             self._rows.append((one.step if all_at_once else one.step / self._free, *finite))

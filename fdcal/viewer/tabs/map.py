@@ -236,7 +236,7 @@ class SweepTab(Tab):
                     hint="Frequencies 1, 2, 3 and so on, or from the highest down",
                 )  # fmt: skip
                 binding.on(self.order, lambda _: self._restart())
-                # the film's scene begins with the highest
+                # the scene of the opening begins with the highest mode of the film
                 highest = (binding.choices.modes or (modes,))[-1] if binding.choices.descending else modes
                 self.highest = binding.slider(
                     "Highest freq.", 1, modes, 1, highest, lambda _: self._restart(), hint="Highest frequency number"

@@ -188,7 +188,7 @@ class ExportTab(Tab):
 
         `kind_name`: a key of KINDS; by default the kind that is chosen. InputError if there is no such kind.
         """
-        if len(self.worker.waiting) == MAX_WAITING:  # one more would drop one of them
+        if len(self.worker.waiting) == MAX_WAITING:  # one more request would drop one that waits
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
             return
         name = kind_name if isinstance(kind_name, str) and kind_name else self._binding.choices.export_kind
