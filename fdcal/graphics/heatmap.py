@@ -102,7 +102,7 @@ def lattice_floor(rgb: np.ndarray, search: Search, bar: ColourBar, lowest, heigh
     return Floor(frozen_array(rgb, np.uint8), origin, (nx * step, ny * step), bar, lowest, height, **more)
 
 
-SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs at the ends of the colours, and of the heights
+SHOWN, WHOLE = (2.0, 98.0), (0.0, 100.0)  # percentiles of the costs at the ends of the colour scale, and of the heights
 
 
 def colour_limits(cost: np.ndarray, log: bool, percentiles: tuple[float, float] = SHOWN) -> tuple[float, float]:

@@ -348,7 +348,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 
 
 def ellipse_scale(axes, extent: float) -> float:
-    """Return the least of 1, 2, 5, 10, ... by which half of the ellipses become visible beside `extent`, metres.
+    """Return the least factor of 1, 2, 5, 10, ... that makes half of the ellipses visible beside `extent`, metres.
 
     `axes` (N, D, D), metres, half axes in rows, the longest last.
     """
@@ -441,7 +441,7 @@ def along(points: Reals, fraction: float) -> Reals:
 
 
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
-    """Return the centre (3,), metres, of a ball at `place` (D,); a valley narrower than the ball raises it."""
+    """Return the centre (3,), metres, of a ball at `place` (D,); over a narrower valley it lies on the rim."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on_map(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
     above = layer_height(Layer.MINIMUM, picture.marker_radius)  # height of the marks on a map

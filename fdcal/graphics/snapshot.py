@@ -129,10 +129,10 @@ def text_scale(size: tuple[int, int]) -> float:
     return min(size[0] / 1000, size[1] / 800)
 
 
-def font(points: float) -> ImageFont.FreeTypeFont:
-    """Return the font of all texts in a size, pixels."""
+def font(pixels: float) -> ImageFont.FreeTypeFont:
+    """Return the font of all texts, with a size in pixels."""
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(points, SMALLEST_FONT))
+    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(pixels, SMALLEST_FONT))
 
 
 def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
@@ -166,9 +166,9 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
     for label, place in uncovered(draw, picture, camera, letters):
         draw.text(place, label.text, anchor=ANCHORS[label.anchor], **outlined)
     if picture.title:  # drawn in the upper left corner, on a rectangle of the background's colour
-        place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
-        end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
-        large = font(points * min(1.0, (size[0] - 2 * place[0]) / (end - place[0])))
+        place, edge, height = (18 * scale, 13 * scale), 7 * scale, 19 * scale
+        end = draw.multiline_textbbox(place, picture.title, font=font(height))[2]
+        large = font(height * min(1.0, (size[0] - 2 * place[0]) / (end - place[0])))
         left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=large)
         draw.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=picture.theme.background)
         draw.multiline_text(place, picture.title, font=large, fill=picture.theme.foreground)
