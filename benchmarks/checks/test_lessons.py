@@ -235,7 +235,7 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(les
     (near, far, sweeps, last, grows), (inner, outer, sooner, ends, flat) = runs
     text = lesson_text("5_corner_or_centre")
     assert near == pytest.approx(8, abs=0.6) and far == pytest.approx(21, abs=0.6) and grows > 0.7
-    assert "mean error of the nearer half is 8 mm, of the farther half 21 mm" in text
+    assert "8 mm for the nearer half and 21 mm for the farther half" in text
     assert inner == pytest.approx(9, abs=0.6) and outer == pytest.approx(9, abs=0.6) and abs(flat) < 0.3
     assert (sooner, sweeps) == (30, 40) and "30 sweeps instead of 40" in text
     assert "microphones 2 and 11 are still 2 cm off" in text and np.flatnonzero(last > 1).tolist() == [2, 11]
