@@ -37,7 +37,7 @@ EXPECTED = {
         6.0,
         {"array.xml", "measured-array.png"},
     ),
-    "08_beamforming_map": (r"after: off the map of the true array by ([\d.]+) %", 10.0, {"beamforming.png"}),
+    "08_beamforming_map": (r"after: differs from the map of the true array by ([\d.]+) %", 10.0, {"beamforming.png"}),
     "09_gains_of_capsules": (r"gain: spread 1\.\d dB, found to ([\d.]+) dB RMS", 0.5, {"gains.csv", "calib.xml"}),
     "10_which_of_two_layouts": (r"rectangle .* least error ([\d.]+) mm, up to \d+ Hz\nball", 5.0, set()),
 }
