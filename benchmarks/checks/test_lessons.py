@@ -214,7 +214,7 @@ def test_moving_all_microphones_at_once_gets_beyond_the_grid(box, lesson_text):
     begun = joint.init(problem, scene.solver, seed)
     last, text = run_from(joint, problem, begun)[-1], lesson_text("4_frozen_grid")
     assert mean_error(measurement, last) == pytest.approx(0.3, abs=0.05) and "0.3 mm on average" in text
-    assert f"at {cost(measurement, last.positions):.1f} dB" in text
+    assert f"at a misfit of {cost(measurement, last.positions):.1f} dB" in text
 
 
 def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(lesson_text):
