@@ -32,7 +32,7 @@ EMPTY_MARGIN = 0.1  # m around the microphones if there is no search domain
 
 
 def focus_of(measurement: Measurement) -> Box:
-    """Return the box (x0, y0, x1, y1) that a picture shows, metres: the search domain, or all known positions."""
+    """Return the box (x0, y0, x1, y1) that a picture shows, metres: the search domain or, if none, the microphones."""
     search = measurement.search
     if search is not None:
         low = np.array(search.origin[:2], float) - search.step / 2  # a candidate is the centre of its cell

@@ -53,7 +53,7 @@ class MapStyle:
 class CostMapRequest:
     """A map to be computed."""
 
-    revision: int  # number of the state on the screen, because a comparison of states would be slow
+    revision: int  # number of the state on the screen; it is compared, because states compare slowly
     microphone: int  # counted from 0
     modes: tuple[int, ...]  # counted from 1
     order_offset: int | None  # added to ceil(k R) in a map of Eq. 7; None for a map of what the solver minimises

@@ -89,9 +89,9 @@ WIDE = 900  # least width, pixels, of a canvas that has a caption at its right
 BROAD, BROAD_RATIO = 1000, 1.4
 BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 174, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
-PHONE_WIDTH = 440  # largest width of the canvas of a telephone, pixels
+PHONE_WIDTH = 440  # largest width of the canvas of a phone, pixels
 PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # fraction of the height of its canvas that a panel or a caption covers
-PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top on a telephone
+PHONE_MARGINS = (48, 24, 30)  # pixels left, right and top on a phone
 # Height, pixels, of legend and rulers above a panel, and of the buttons at the top.
 PHONE_LEGEND, PHONE_BUTTONS = 168, 56
 

@@ -200,7 +200,7 @@ class Viewer:
             self.snapshot = PageState(view, microphone=self._selected, run=run, choices=choices)
             picture = self._picture.draw(self.snapshot)
             self.snapshot = replace(self.snapshot, picture=picture)
-            # This order is the priority of their work on the threads.
+            # The order of creation is the priority of the work on the threads.
             self.drop = Drop(binding, panels.overlay)
             self._verdict, self.maps = VerdictWorker(run, binding.threads), CostMapWorker(run, binding.threads)
             self.tabs = Tabs(panels, binding, page.nodes.cameras.request)
