@@ -41,7 +41,7 @@ autoclass_content = "class"
 numpydoc_show_class_members = False  # the template of a class lists them
 numpydoc_class_members_toctree = False
 # What each docstring of the public API must have: sections in their order, every parameter of the signature, a type
-# for each, and a summary; `sphinx-build -W` makes an error of a fault.
+# for each, and a summary; `sphinx-build -W` treats a violation as an error.
 numpydoc_validation_checks = {
     "GL02", "GL03", "GL05", "GL06", "GL07", "GL08", "GL09", "GL10", "SS01", "SS02", "SS03", "SS04",
     "PR01", "PR02", "PR03", "PR04", "PR05", "PR10", "RT01", "YD01",
@@ -84,7 +84,7 @@ def displayed_math(translator, node) -> None:
 
 
 class Replay(Directive):
-    """A replay of `docs/replays.py` in the page: its name, and after # what it shows."""
+    """Embed a replay of `docs/replays.py` in the page; the argument is its name and, after #, what it shows."""
 
     required_arguments = 1
 
@@ -112,7 +112,7 @@ class Findings(Directive):
 
 
 def replays(app, error) -> None:
-    """Write the replays beside the pages that show them, and for a web server (`-t site`) the gallery, too."""
+    """Write the replays beside the pages that show them and, with `-t site`, the gallery for a web server."""
     if error is None and app.builder.format == "html":
         sys.path.insert(0, str(Path(__file__).parent))
         from replays import write
@@ -124,7 +124,7 @@ def replays(app, error) -> None:
 
 
 def setup(app) -> None:
-    """Add the writer of formulas, the replays and the tables of checks."""
+    """Register the renderer of formulas and the directives `replay` and `findings`."""
     app.add_directive("replay", Replay)
     app.add_directive("findings", Findings)
     app.connect("build-finished", replays)

@@ -16,8 +16,8 @@ from fdcal.viewer.opening import film_html
 from fdcal.viewer.server.hardening import STYLE
 
 PATH = Path(__file__).parent / "pictures" / "opening.webp"
-SIZE, SCALE = {"width": 640, "height": 480}, 1  # pixels of the page, and of the film in each of them
-FRAMES, LAST = 12, 2.5  # per second, and s that the last one stays
+SIZE, SCALE = {"width": 640, "height": 480}, 1  # CSS pixels of the page; pixels of the film per CSS pixel
+FRAMES, LAST = 12, 2.5  # frames per second; s for which the last frame stays
 QUALITY = 70
 
 
@@ -39,7 +39,7 @@ def main() -> None:
         for number in range(math.ceil(length * FRAMES) + 1):
             time = number / FRAMES
             moment = page.evaluate("time => JSON.stringify(fdcalFilm.moment(time))", time)
-            if moment == shown:  # it stays as it is
+            if moment == shown:  # the picture has not changed
                 durations[-1] += 1000 / FRAMES
                 continue
             shown = moment

@@ -1,9 +1,9 @@
 """Write the files with which the page opens before anything is computed: `python docs/opening.py`.
 
-They are the measurement of the scene of the opening, and the data of its film as a part of the page's HTML: maps of the
-sums of more and more modes, and the way of the microphone downhill over the last of them (`fdcal.viewer.opening`). Run
-it again whenever the simulation, the cost, the rule for local minima or the look of a relief changes;
-tests/viewer/test_opening.py compares the maps with computation.
+They are the measurement of the film's scene, and a part of the page's HTML with the data of the film: maps of the sums
+of more and more modes, and the path of the microphone downhill over the last map (`fdcal.viewer.opening`). Run it
+again whenever the simulation, the cost, the rule for local minima or the look of a relief changes;
+benchmarks/checks/test_opening.py compares the files with a new computation.
 """
 
 import base64
@@ -24,11 +24,12 @@ from fdcal.model.scene import load_scene
 from fdcal.viewer import opening
 from fdcal.viewer import scene3d as cameras
 
-# Lower modes are added to the first one, whose map has most local minima that a finer lattice has, too.
+# Numbers of modes in the sums. The first mode is the one whose map has the largest number of local minima that also
+# exist on a finer lattice; lower modes are added to it.
 SUMMED = (1, 2, 3, 4, 6, 9, 14, 22, 37, 60, 92)
-EVERY = 2  # of the points of the lattice of a map, along each axis
-FEW_TIME, ONE_TIME = 10.0, 2.0  # s that all maps with several minima are shown, and those with one
-CHANGE_TIME, ROLL_TIME = 1.2, 1.4  # s that one map takes to become the next, at most, and that the microphone rolls
+EVERY = 2  # every second point of a map, along each axis, is kept
+FEW_TIME, ONE_TIME = 10.0, 2.0  # s for which all maps with several minima are shown, and those with one
+CHANGE_TIME, ROLL_TIME = 1.2, 1.4  # s: longest transition between two maps; time for which the microphone rolls
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine")
 ABOUT = "The red microphone's place is unknown: its recording fits where the map is low and dark. Blue ones are known."
 FOUND = "The microphone is found"
@@ -51,7 +52,7 @@ def main() -> None:
     sums = list(partial_sums(problem, solver, state, n, modes, ORDER_OFFSET, counts=SUMMED))
     last, search = sums[-1].cost, problem.search
     minima = [map_minima(problem, solver, state, n, one.modes, ORDER_OFFSET, one.cost, search) for one in sums]
-    # it begins in the false minimum of the first map from which the way to the last one is longest
+    # The microphone starts at the minimum of the first map from which the path downhill to the true one is longest.
     ways = [descent_path(np.log10(last), search, basins_of(last), place) for place in minima[0].lowest]
     path = max((way for way in ways if way.basin == 0), key=lambda way: len(way.points)).points
     counts = [one.count for one in minima]
@@ -99,25 +100,25 @@ def words(modes: int, places: int) -> str:
 
 
 def look(measurement, floor) -> dict:
-    """Return what a picture of the relief `floor` has beside it: camera, rulers, marks and colours."""
+    """Return what the film needs to draw the relief `floor`: camera, rulers, marks and colours."""
     picture = compose(None, measurement, measurement.positions, opening.MICROPHONE, floor)
     (x0, y0, x1, y1), base, radius = picture.focus, picture.z_range[0], picture.marker_radius
     rulers = next(part for part in picture.lines if part.name == "frame").segments
-    behind = (rulers[:, :, 0] > x1 - NEAR).all(axis=1) | (rulers[:, :, 1] > y1 - NEAR).all(axis=1)  # by the block
+    hidden = (rulers[:, :, 0] > x1 - NEAR).all(axis=1) | (rulers[:, :, 1] > y1 - NEAR).all(axis=1)  # by the block
     labels = [label for label in picture.labels if label.name.startswith("frame/")]
-    labels.sort(key=lambda label: label.name[-1].isdigit())  # a number gives way to the name of its axis
+    labels.sort(key=lambda label: label.name[-1].isdigit())  # names of axes come first; numbers give way to them
     height = heatmap.RELIEF_HEIGHT * max(measurement.search.size[:2])
     corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (base, base + height)]
     return {
         "height": height, "middle": [(x0 + x1) / 2, (y0 + y1) / 2, base], "marker": radius,
-        "frame": listed(rulers[~behind], 4), "known": listed(measurement.known_positions, 4),
+        "frame": listed(rulers[~hidden], 4), "known": listed(measurement.known_positions, 4),
         "labels": [
             {"text": one.text, "at": listed(one.position, 4), "anchor": one.anchor} for one in labels
         ],
         "corners": listed([*corners, *(one.position for one in labels)], 4), "name": "microphone 16",
         "direction": camera.OBLIQUE, "fov": float(np.radians(camera.FOV_3D)), "margin": camera.MARGIN["close"],
         "margins": MARGINS,
-        # of the session, whose bar and legend stand beside the map: on a broad canvas, on another one, on a phone
+        # margins of the session, whose bar and legend are beside the map: on a broad canvas, another one, a phone
         "after": [cameras.BROAD_MARGINS, cameras.MARGINS, [*cameras.PHONE_MARGINS, cameras.PHONE_PANEL]],
         "broad": [cameras.BROAD, cameras.BROAD_RATIO, cameras.PHONE_WIDTH],
         "light": heatmap.TOWARDS_LIGHT.tolist(), "darkest": heatmap.DARKEST,
@@ -139,12 +140,12 @@ def film_marks() -> dict:
 
 
 def listed(values, digits: int) -> list:
-    """Return numbers as JSON has them, rounded."""
+    """Return rounded numbers as a list for JSON."""
     return np.asarray(values, float).round(digits).tolist()
 
 
 def coded(numbers) -> str:
-    """Return numbers from 0 to 255 as text."""
+    """Return numbers from 0 to 255 as bytes in base64."""
     return base64.b64encode(np.rint(numbers).astype(np.uint8).tobytes()).decode("ascii")
 
 

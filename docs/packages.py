@@ -1,7 +1,7 @@
 """Draw which package of fdcal imports which: `python docs/packages.py` writes docs/packages.svg from the imports.
 
 A row is a package, and its dots are the packages that it imports. All dots lie below the diagonal: nothing imports
-upward. `tests/test_layers.py` fails where the drawing is not that of the source.
+upward. `tests/test_layers.py` fails if the drawing does not match the imports.
 """
 
 from __future__ import annotations

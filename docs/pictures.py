@@ -1,7 +1,8 @@
-"""Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`; all but those of studies without names.
+"""Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`.
 
-Each comes from commands of fdcal; those of the page from a real browser (playwright and Chromium, as for the tests).
-Pictures are committed, because the scenes of the paper take a minute to simulate. Look at them before you do.
+Without names it makes all except those of studies. Commands of fdcal draw them; those of the page are taken in a real
+browser (playwright and Chromium, as for the tests). Pictures are committed, because the scenes of the paper take a
+minute to simulate. Look at the pictures before you commit them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ COLOURS = 256  # of a picture that is larger than LARGEST with all its colours
 LARGEST = 195_000  # bytes
 PAGE_SIZE = {"width": 1280, "height": 720}  # pixels
 
-# Of each picture: the commands that make it, in a folder of their own; the last writes picture.png.
+# The commands that make each picture, run in a temporary folder; the last one writes picture.png.
 COMMANDS = {
     "landscape": ["landscape fig1_square --microphone 16 --mode-numbers 20,40,57 -o picture.png"],
     "descent-stalls": [
@@ -79,7 +80,7 @@ def browsed(ended: bool, folder: Path) -> None:
 
 
 def studied(study: str, figure: str) -> Path:
-    """Run what a study still lacks, write its report, and return one of its figures."""
+    """Run the calibrations that a study still lacks, write its report, and return one of its figures."""
     folder = RESULTS / study
     resumed = ["--resume"] if folder.is_dir() else []
     run = ["study", str(ROOT / "studies" / f"{study}.toml"), "-o", str(folder), *resumed]
@@ -93,7 +94,7 @@ def keep(path: Path, target: Path) -> None:
     picture = Image.open(path).convert("RGB")
     picture.save(target, optimize=True)
     if target.stat().st_size > LARGEST:
-        even = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4)  # also for a colour bar, which is small
+        even = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4)  # keeps colours of small parts
         picture.quantize(palette=even, dither=Image.Dither.FLOYDSTEINBERG).save(target, optimize=True)
     print(f"{target.relative_to(ROOT)}: {target.stat().st_size / 1000:.0f} kB", flush=True)
 

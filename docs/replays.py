@@ -1,4 +1,4 @@
-"""Replays that pages of the documentation show: made with it, since each is computed in a second or two.
+"""The replays that pages of the documentation show. Each build computes them, which takes a second or two for each.
 
 The measurement of Fig. 1 comes with fdcal; that of the tutorial is simulated in less than a second.
 """
