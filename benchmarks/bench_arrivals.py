@@ -49,7 +49,7 @@ def unit(angles: np.ndarray) -> np.ndarray:
     return np.stack([flat * np.cos(angles[:, 0]), flat * np.sin(angles[:, 0]), np.sin(angles[:, 1])], axis=1)
 
 
-def heard(condition: str, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def sounds_of(condition: str, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield delays (6,), s, and direction (2,), rad, of each sound of a condition that roughly fits `x` (6, 3), m."""
     for path in sorted((FRL / condition).glob("*.wav")):
         samples, rate = soundfile.read(path)
@@ -87,7 +87,7 @@ def run() -> Iterator[str]:
         return
     nominal = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:6, 1:]
     nominal = nominal - nominal.mean(axis=0)
-    every = {condition: list(heard(condition, nominal)) for condition in CONDITIONS}
+    every = {condition: list(sounds_of(condition, nominal)) for condition in CONDITIONS}
     for name, sounds in {**every, "all": [one for part in every.values() for one in part]}.items():
         q = align(positions(sounds, nominal), nominal)
         size = np.linalg.norm(q - q.mean(axis=0)) / np.linalg.norm(nominal)

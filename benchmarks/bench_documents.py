@@ -76,9 +76,9 @@ def leave_one_out() -> str:
 
 def displaced() -> str:
     """Return in words the leave-one-out errors at true positions with random displacements."""
-    found = [one.value for one in bench_leave_one_out.figures_aside()][::2]
+    found = [one.value for one in bench_leave_one_out.figures_displaced()][::2]
     parts = [f"{value:.1f}" for value in found]
-    far = [f"{mm:g} mm" for mm in bench_leave_one_out.ASIDE]
+    far = [f"{mm:g} mm" for mm in bench_leave_one_out.DISPLACEMENTS]
     cells = [f"{value} ({mm})" for value, mm in zip(parts, far, strict=True)]
     return f"{', '.join(cells[:-1])} and {parts[-1]} dB ({far[-1]})"
 

@@ -16,14 +16,14 @@ from .report import Figure
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
 MODES = {"array2_random": 67, "ball3d": 57}  # up to 300 Hz
 TARGETS = {("array2_random", 40): -35.0, ("array2_random", 20): -17.0}  # dB
-ASIDE = (1.0, 3.0, 10.0, 30.0)  # mm, by which microphones are displaced
+DISPLACEMENTS = (1.0, 3.0, 10.0, 30.0)  # mm, by which microphones are displaced
 
 
 def run() -> Iterator[Figure]:
     for name in MODES:
         for snr in (40, 20):
             yield from figures_of(name, snr).values()
-    yield from figures_aside()
+    yield from figures_displaced()
 
 
 def figures_of(name: str, snr: int) -> dict[str, Figure]:
@@ -58,10 +58,10 @@ def _mean_db(values) -> float:
     return float(10 * np.log10(np.mean(10 ** (np.array(values) / 10))))
 
 
-def figures_aside() -> Iterator[Figure]:
+def figures_displaced() -> Iterator[Figure]:
     """Leave-one-out error at true positions with random displacements, and its prediction k^2 d^2 / 2."""
     drawn = [draw("array2_random", seed, MODES["array2_random"], 40) for seed in range(DRAWS)]
-    for far in ASIDE:
+    for far in DISPLACEMENTS:
         reports, predicted = [], []
         for seed, d in enumerate(drawn):
             m = d.measurement

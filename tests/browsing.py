@@ -56,7 +56,7 @@ def serving_here(scene=None, port=0, lessons=(), play=False):
             served.result(WAIT)
 
 
-def unhurried(page):
+def slowed_down(page):
     """Make a page draw, and check conditions, less often than 60 times per second."""
     page.add_init_script(FEWER_FRAMES)
     page.wait_for_function = functools.partial(page.wait_for_function, polling=100)
@@ -71,7 +71,7 @@ def is_fault(message):
 def opened_page(context, address, query=COARSE):
     """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
     page = context.new_page()  # the second page of a context loads viser in half the time
-    unhurried(page)
+    slowed_down(page)
     page.faults = []
     page.on("console", lambda message: page.faults.append(message.text) if is_fault(message) else None)
     page.goto(f"{address}/{query}")
@@ -93,7 +93,7 @@ def until(page, holds):
     return holds()
 
 
-def begin_anew(page):
+def restart_solver(page):
     """Take the solver back to its start."""
     press(page, "Restart")
     page.get_by_text("step 0, sweep 0").first.wait_for()

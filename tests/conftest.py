@@ -121,7 +121,7 @@ def kernels() -> None:
 def remembered_runs(cache):
     """Make a run of the same problem with the same settings and seed only once, and assess it each time.
 
-    This is for tests of options and results, not of the run itself. All workers use the same ends of runs.
+    This is for tests of options and results, not of the run itself. All workers use the same results.
     """
     run, folder = calibration_run.last_state, cache / "runs"
     folder.mkdir(exist_ok=True)
@@ -163,7 +163,7 @@ def refused(tmp_path, monkeypatch, capsys):
         ended, (out, errors) = exit_code(*arguments), capsys.readouterr()
         assert (ended, out) == (code, ""), errors
         *notes, line = errors.splitlines()
-        assert not notes or "--host" in arguments, "one line, but for who else could reach the page"
+        assert not notes or "--host" in arguments, "one line, and a note on who else can reach the page"
         assert line.startswith("error: ") and not re.search("<[a-z_]+>", line), "each argument has its option's name"
         assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
         return line
@@ -237,7 +237,7 @@ def has_browser(path: Path) -> bool:
 
 
 class FewBrowsers(LoadFileScheduling):
-    """Run the tests of a file on one worker, and on one those of all files that use the same page or process."""
+    """Run the tests of a file on one worker; all files that use the same page or process run on one worker, too."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)

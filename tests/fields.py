@@ -1,4 +1,4 @@
-"""Sound fields known in closed form, the tests' source of truth."""
+"""Sound fields in closed form, with which the tests compare results."""
 
 import numpy as np
 

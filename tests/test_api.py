@@ -68,7 +68,7 @@ def test_a_position_that_is_given_is_kept(tiny, solver, corrected):
     ("landscape", {"calibration": 3}, "calibration"), ("landscape", {"microphone": "nosuch"}, "microphone"),
     ("landscape", {"measurement": "tiny"}, "measurement"),
 ])  # fmt: skip
-def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, function, arguments, key):
+def test_an_impossible_argument_is_named_in_the_error(tiny, function, arguments, key):
     needed = {"calibrate": {"measurement": tiny}, "landscape": {"measurement": tiny, "microphone": 3}}
     with pytest.raises((fdcal.InputError, fdcal.StorageError)) as caught:
         getattr(fdcal, function)(**needed.get(function, {}) | arguments)

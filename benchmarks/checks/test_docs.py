@@ -59,7 +59,7 @@ def test_links_lead_somewhere_and_every_picture_has_a_text_for_those_who_cannot_
 
 
 @pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
-def test_a_picture_is_small_is_shown_and_can_be_made_anew(picture):
+def test_a_picture_is_small_is_shown_and_can_be_made_again(picture):
     film = picture.suffix == ".webp"
     assert picture.stat().st_size < (2_000_000 if film else 200_000)
     assert sum(each.stat().st_size for each in PICTURES) < 3_000_000

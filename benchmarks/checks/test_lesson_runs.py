@@ -10,7 +10,7 @@ from fdcal.viewer.panels import LESSON_RATE, WATCHED_MOVES, watched_rate
 def runs_to_the_end(lessons):
     """Number of steps of runs of lessons that go to their ends, and whether a step moves all microphones.
 
-    Of runs of the same scene whose steps do, which take seconds, one stands for all.
+    Of several runs of one scene whose steps move all microphones, only the first is made, because it takes seconds.
     """
     seen = set()
     for lesson in lessons:

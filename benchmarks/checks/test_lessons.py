@@ -86,7 +86,7 @@ def test_one_mode_alone_leaves_a_valley(square):
     assert fine.step * np.ptp(rows) > 1.0, "a ring"
 
 
-def test_modes_together_share_one_minimum(square, lesson_text):
+def test_modes_together_have_one_common_minimum(square, lesson_text):
     problem, descent, state, maps, fine, truth, _ = square
     text = lesson_text("2_joint_minimum")
     two, three = (minima_of(sum(maps[mode] for mode in modes), fine) for modes in ((38, 39), (38, 39, 40)))
@@ -175,7 +175,7 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
     assert few[8][0] == 1 < many[8][0] and many[8][1] == pytest.approx(0.44, abs=0.01) and "44 cm" in text
 
 
-def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_text):
+def test_the_best_move_of_a_trapped_microphone_is_less_than_half_a_cell(box, lesson_text):
     scene, measurement, problem, descent, *_, (*_, staged) = box
     text, truth, fine = lesson_text("4_frozen_grid"), measurement.positions, refined(scene.search, 121)
     errors = 1e3 * position_errors(staged.positions, truth)
@@ -192,7 +192,7 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_te
         return lowest - staged.positions[n]
 
     wants = [wanted(int(n), fine) for n in problem.free]
-    assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "so it is with all 13"
+    assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "this holds for all 13"
     assert 1e3 * np.hypot(*wanted(6, refined(scene.search))) == pytest.approx(4, abs=1)
     assert "4 mm from the ball" in text
 
@@ -289,7 +289,7 @@ def test_the_ellipses_contain_the_true_positions(noisy):
         assert sum(inside) >= 11, "at least 11 of 13 where 12.4 are expected"
 
 
-def test_a_wrong_sign_carries_its_microphone_away_and_spoils_the_others(lesson_text):
+def test_an_inverted_channel_displaces_its_own_microphone_and_others(lesson_text):
     scene, seed = load_lesson(CHANNEL).start(0)
     spoilt = End(scene, seed)
     assert scene.faults.inverted == (11,) and scene.solver.name == "descent"

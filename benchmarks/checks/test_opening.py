@@ -18,7 +18,7 @@ from fdcal.viewer import opening
 ROUNDED = 6e-4  # metres, of the places in the film
 
 
-def test_the_files_hold_what_the_scene_computes_to():
+def test_the_files_equal_what_the_scene_gives():
     film = json.loads(re.search(r'json">(.*?)</script>', opening.film_html())[1])
     n, maps = film["n"], np.frombuffer(base64.b64decode(film["levels"]), np.uint8).astype(float)
     scene = load_scene(opening.SCENE)

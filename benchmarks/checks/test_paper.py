@@ -62,9 +62,9 @@ def test_a_figure_alone_is_the_same_again(folder, tmp_path, capsys):
 
 def test_the_table_holds_the_results_of_the_runs(folder, array, run):
     rows = {row["solver"]: row for row in csv.DictReader((folder / "table.csv").open())}
-    assert list(rows) == ["descent", "joint"], "the paper tells nothing of tiny"
+    assert list(rows) == ["descent", "joint"], "the paper does not contain tiny"
     assert float(rows["descent"]["mean_error_m"]) == pytest.approx(study.mean_error(array, run.positions[-1]))
-    assert (rows["descent"]["exact"], rows["descent"]["modes_needed"]) == ("0", ""), "its grid of 2 cm holds it"
+    assert (rows["descent"]["exact"], rows["descent"]["modes_needed"]) == ("0", ""), "its grid of 2 cm limits it"
     needed = int(rows["joint"]["modes_needed"])
     frequency = array.problem.frequencies[needed - 1]
     assert (rows["joint"]["exact"], float(rows["joint"]["highest_hz"])) == ("1", pytest.approx(frequency))
@@ -127,7 +127,7 @@ def test_fig_4_and_5_show_the_run(array, run):
     assert 0 in lines["known"][:, 0], "the reference itself"
 
 
-def test_what_cannot_be_is_refused(folder, tmp_path, capsys):
+def test_impossible_options_are_refused(folder, tmp_path, capsys):
     file = tmp_path / "file"
     file.touch()
     for arguments, code, words in (

@@ -42,7 +42,7 @@ def rms(positions: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum((align(positions, truth) - truth) ** 2, axis=1))))
 
 
-def test_a_source_that_is_carried_round_says_more_in_parts(tmp_path):
+def test_a_source_that_is_carried_round_gives_smaller_errors_if_the_recording_is_split(tmp_path):
     samples = np.concatenate([playing(s, 12, s) for s in range(3)], axis=1)
     carried = write(tmp_path / "carried.wav", noisy(samples, 40))
     parts, report = import_recording(carried, ImportOptions(sound_speed=SPEED, split=12.0, max_rows=FEW))

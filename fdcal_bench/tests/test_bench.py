@@ -82,7 +82,7 @@ def test_the_table_has_medians_and_failures_of_equal_draws():
     assert last == "| all: seconds | | 2 | 2 | 2 |"
 
 
-def test_the_command_prints_a_method_of_ones_own_beside_the_reference_on_the_same_draws(tmp_path, monkeypatch, capsys):
+def test_the_command_prints_a_users_method_beside_the_reference_on_the_same_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mine.py").write_text(

@@ -41,7 +41,7 @@ def test_wrong_distances_of_a_few_pairs_hardly_move_the_array():
     assert rms(robust_scaling(distances), x) < 0.005
 
 
-def test_coherence_is_one_of_equal_channels_and_none_of_unrelated_ones():
+def test_coherence_is_one_for_equal_channels_and_zero_for_unrelated_ones():
     rng = np.random.default_rng(0)
     one, other = rng.standard_normal((2, 80000))
     _, spectra = cross_spectra(np.array([one, 2 * one, other]), RATE, 256)
@@ -52,7 +52,7 @@ def test_coherence_is_one_of_equal_channels_and_none_of_unrelated_ones():
 @pytest.mark.parametrize("exact", [True, False])
 def test_exact_arrival_times_give_exact_positions(exact):
     x = draw_array(np.random.default_rng(0), 16, 0.5)
-    late = np.linspace(0.0, 0.02, len(SOURCES))  # emitted when nobody knows
+    late = np.linspace(0.0, 0.02, len(SOURCES))  # unknown times of emission
     times = np.linalg.norm(SOURCES[:, None] - x, axis=-1) / SPEED + late[:, None]
     given = SOURCES if exact else SOURCES + np.random.default_rng(1).normal(scale=0.05, size=SOURCES.shape)
     found = positions_of_arrivals(times, given, SPEED, 0.05, np.zeros(3))

@@ -136,7 +136,7 @@ def test_wrong_scenarios_are_one_line(tmp_path, capsys, old, new, words):
     assert words in refusal(capsys, tmp_path / "wrong.toml", "--dry-run")
 
 
-def test_a_report_of_no_folder_and_a_scheduler_that_is_not_there_are_refused(file, tmp_path, monkeypatch, capsys):
+def test_a_missing_folder_and_a_missing_scheduler_are_refused(file, tmp_path, monkeypatch, capsys):
     assert "nothing is not a folder" in refusal(capsys, "--report", tmp_path / "nothing")
     monkeypatch.setattr(run, "BATCHING", run.Batching(connect_seconds=0.2))
     with socket.socket() as bound:
@@ -172,7 +172,7 @@ def test_a_calibration_is_determined_by_its_number(file):
 
 
 def test_a_row_has_the_errors_of_calibrate_whatever_is_known():
-    """Given none, the array is compared after alignment; given the minimal gauge, every microphone counts."""
+    """Without known positions the array is aligned first; with the minimal gauge every microphone counts."""
     axes = {"solver.known": ["all", "minimal", "none"]}
     fixed = {"snr_db": 30.0, "solver.name": "joint", "solver.modes": 12}
     study = Study(title="known", draws=1, axes=axes, scene="tiny", fixed=fixed)
@@ -186,13 +186,13 @@ def test_a_row_has_the_errors_of_calibrate_whatever_is_known():
 
 
 def test_the_source_of_a_draw_is_the_same_at_all_points(file):
-    """So that points differ by their axes alone: with less noise the same array comes out better."""
+    """Points therefore differ in their axes only: with less noise the same array has a smaller error."""
     study = load_study(file)
     errors = np.array([[row_of(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(2)])
     assert np.all(errors[:, 1] < errors[:, 0])
 
 
-def test_the_table_goes_on_where_it_was_left_whatever_a_part_lacks_and_has_one_writer(file, tmp_path, monkeypatch):
+def test_an_interrupted_table_is_continued_and_has_one_writer(file, tmp_path, monkeypatch):
     study, folder = load_study(file), tmp_path / "out"
     first, at = Results(folder, study, False), {"draw": 0, "seed": 0, "snr_db": 20, "solver.modes": 12}
     first.append([{"task": 0, "verdict": "refused", "reason": "why", **at}])
@@ -242,7 +242,7 @@ def rows_by(code, tasks):
 
 
 def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
-    """Its rows would be of two solvers; before the first row nothing can mix, and the folder is begun again."""
+    """Otherwise its rows would come from two solvers; a folder without rows can be used by other code."""
     study, folder = load_study(file), tmp_path / "out"
     first, other = CodeVersion("0.1.0", "aaaa", "1234567"), CodeVersion("0.1.0", "bbbb", None)
     for code in (other, first):
@@ -287,7 +287,7 @@ def test_a_damaged_part_is_one_line_that_names_the_file(file, tmp_path, capsys, 
     assert Results(folder, load_study(file), True).done() == set()
 
 
-def test_the_report_says_of_what_rooms_it_is_and_lists_every_point_with_its_interval_and_what_is_wrong(file, tmp_path):
+def test_the_report_describes_its_rooms_and_lists_points_with_intervals_and_wrong_verdicts(file, tmp_path):
     study, folder = load_study(file), tmp_path / "out"
     table = Results(folder, study, False)
     rows = rows_by({}, range(8))
@@ -313,7 +313,7 @@ def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
     before = source_hash(tmp_path)
     (tmp_path / "viewer" / "one.py").write_bytes(b"x = 2\n")
     (tmp_path / "cost" / "one.py").write_bytes(b"x = 1\r\n")
-    assert source_hash(tmp_path) == before, "neither the page nor the ends of lines"
+    assert source_hash(tmp_path) == before, "neither the page nor line endings change it"
     (tmp_path / "cost" / "one.py").write_bytes(b"x = 2\n")
     assert source_hash(tmp_path) != before
 
@@ -507,14 +507,14 @@ def scenarios(tmp_path):
     return load_study(path)
 
 
-def test_settings_are_the_points_of_a_study(scenarios):
+def test_scenarios_are_the_points_of_a_study(scenarios):
     assert (scenarios.points, scenarios.count) == (2, 4)
     assert [scenarios.point(n) for n in (0, 1)] == [{"scenario": "flat"}, {"scenario": "living room"}]
     stated = [tasks.posed(scenarios, scenarios.point(n), 5)[0].settings for n in (0, 1)]
     assert [one.sound_speed_sigma for one in stated] == [None, 0.02], "as stated to the solver"
 
 
-def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_setting(scenarios):
+def test_a_draw_has_the_noise_the_faults_and_the_errors_of_its_scenario(scenarios):
     for scenario in scenarios.scenarios:
         drawn = draw.draw(scenario, 5)
         again = draw.draw(scenario, 5).measurement
@@ -545,7 +545,7 @@ def test_the_field_of_a_rectangle_solves_helmholtz_equation_and_is_rigid_at_the_
     assert np.all(np.abs(-3 * q[:, 0] + 4 * q[:, 1] - q[:, 2]) / (2 * h) < 1e-4 * np.abs(k * q[:, 0]))
 
 
-def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(scenarios):
+def test_a_row_counts_microphones_inside_ellipses_and_healthy_channels_called_faulty(scenarios):
     row = row_of(scenarios, 0)
     inside, ranks = json.loads(row["inside"]), json.loads(row["ranks"])
     assert inside == sorted(inside) and inside[-1] <= row["judged"] <= 12 - 4 - 1
@@ -554,8 +554,8 @@ def test_a_row_counts_what_its_ellipses_hold_and_who_is_accused(scenarios):
     assert row["faults"] == 1 and row["named"] <= 1
 
 
-def test_the_standard_error_of_a_fraction_takes_the_draws_for_clusters():
-    """Draws whose microphones err together: the fraction scatters as so many draws, not as so many microphones."""
+def test_the_standard_error_of_a_fraction_treats_draws_as_clusters():
+    """If all microphones of a draw err together, the fraction scatters with the number of draws, not of microphones."""
     rng = np.random.default_rng(0)
     found = []
     for _ in range(300):

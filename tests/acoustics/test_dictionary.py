@@ -25,7 +25,7 @@ def test_order_and_highest_frequency_follow_eqs_3_and_9():
     np.testing.assert_array_equal(dictionary.max_order(np.array([0.5, 5.0, 5.01 - 2j]), 0.8), [1, 4, 5])
     assert dictionary.max_order(5.0, 0.8, offset=2) == 6
     assert dictionary.f_max(65, 0.35, 340.0) == pytest.approx(4950, rel=1e-3)
-    assert dictionary.f_max(2, 0.35, 340.0) == pytest.approx(340 / (4 * np.pi * 0.35)), "few microphones, too"
+    assert dictionary.f_max(2, 0.35, 340.0) == pytest.approx(340 / (4 * np.pi * 0.35)), "also for few microphones"
     for order in (1, 3, 7):
         for count, planar in (((order + 1) ** 2, False), ((order + 1) * (order + 2) // 2, True)):
             f = dictionary.f_max(count, 0.7, 343.0, 3, planar=planar)
@@ -80,7 +80,7 @@ def test_a_plane_wave_is_the_sum_of_jacobi_and_anger_and_of_rayleigh(k):
 
 
 @pytest.mark.parametrize("k", WAVENUMBERS)
-def test_on_a_plane_the_even_functions_are_all_there_is(k):
+def test_on_a_plane_the_odd_functions_vanish(k):
     flat = np.column_stack([PLANE, np.full(len(PLANE), CENTRE_3D[2])])
     W = dictionary.spherical_bessel(flat, k, 7, CENTRE_3D)
     l, m = dictionary.degrees(7)  # noqa: E741
@@ -126,7 +126,7 @@ def test_bessel_functions_of_all_orders_are_scipy_s(spherical, damping, top):
     np.testing.assert_allclose(found, (spherical_jn if spherical else jv)(orders, z), rtol=1e-10, atol=1e-14)
 
 
-# The field of a measured room equals the plane waves; files that are no response are refused.
+# The field of a measured room is the sum of its plane waves; files that are not a response are refused.
 
 
 C, FS = 343.0, 8000.0
@@ -176,7 +176,7 @@ ROLLED = [{key: np.roll(WHOLE[key], n) for key in ("p", "azi_rad", "ele_rad")} f
     *(({key: [1.0, 2.0]}, f"{key} has shape .2,.") for key in ("fs", "azi_rad")),
     ({"fs": 0.0}, "fs = 0 Hz is out of range"), ({"p": "loud"}, "p has 1 samples; give 20"),
 ])  # fmt: skip
-def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):
+def test_a_file_that_is_not_a_response_is_refused(tmp_path, changes, words):
     savemat(tmp_path / "bad.mat", {key: value for key, value in (WHOLE | changes).items() if value is not None})
     assert len(str(refuses(words, plane_waves.load_sdm_response, tmp_path / "bad.mat"))) < 1000 + len(str(tmp_path))
 

@@ -42,7 +42,7 @@ def energy(grid, p_old, p):
 
 
 @pytest.mark.parametrize("walls", ["rigid", "pressure-release"])
-def test_energy_is_kept(walls):
+def test_energy_is_conserved(walls):
     grid = make_grid(Room(outline=L_SHAPE, walls=walls, cell=H), FS)
     fields = np.random.default_rng(1).normal(size=(2, *grid.mask.shape)) * grid.mask
     after = advance(grid, *fields, 1000)
@@ -51,7 +51,7 @@ def test_energy_is_kept(walls):
 
 
 @pytest.mark.parametrize("walls", ["rigid", "absorbing"])
-def test_source_and_receiver_may_change_places(walls):
+def test_exchanging_source_and_receiver_changes_nothing(walls):
     room = Room(outline=L_SHAPE, walls=walls, admittance=0.3 * (walls == "absorbing"), cell=H)
     there = (1.62, 0.71)
     one = simulate(room, SOURCE, [there])
@@ -74,7 +74,7 @@ def test_second_order_convergence():
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.3, 1.0, 4.0])
-def test_absorbing_end_of_a_tube_reflects_as_it_should(beta):
+def test_absorbing_end_of_a_tube_reflects_as_its_admittance_says(beta):
     length = 2000
     grid = make_grid(Room(size=(length * 0.01, 0.01), cell=0.01), 1.5 * C / 0.01)
     loss = np.zeros_like(grid.loss)
@@ -112,7 +112,7 @@ def test_recordings_are_those_of_the_scheme_step_by_step():
     assert not np.any(recordings[:, 0])
 
 
-def test_pulse_is_flat_silent_at_first_and_without_a_mean():
+def test_pulse_has_a_flat_spectrum_begins_at_zero_and_has_no_mean():
     samples = pulse(Source(position=(0, 0)))
     assert abs(math.fsum(samples)) < 1e-17
     assert abs(samples[0]) < 1e-3 * np.abs(samples).max()

@@ -47,7 +47,7 @@ def test_the_field_solves_helmholtz_to_second_order(room, k):
     assert np.linalg.norm(coarse) / np.linalg.norm(fine) == pytest.approx(4.0, rel=0.02)
 
 
-def test_every_wall_has_its_condition(room):
+def test_every_wall_satisfies_its_boundary_condition(room):
     """The outward dp/dn is -j k beta p, with beta = 0 for a rigid wall; p = 0 at a pressure-release wall."""
     inside = np.array([0.7, 0.8, 0.6])
     for axis in range(3):
@@ -82,7 +82,7 @@ def images(places, source, size, k, sign, reach):
 
 @pytest.mark.parametrize(("walls", "sign"), [("rigid", 1.0), ("pressure-release", -1.0)])
 @pytest.mark.parametrize("k", [0.9 - 0.5j, 5.2 - 0.5j])
-def test_image_sources_agree(walls, sign, k):
+def test_the_field_equals_the_sum_over_image_sources(walls, sign, k):
     """The sum over image sources uses no eigenfunction; images beyond `reach` contribute less than 1e-7."""
     expected = images(PLACES[:3], SOURCE, SIZE, k, sign, reach=45.0)
     found = point_source_pressures(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]

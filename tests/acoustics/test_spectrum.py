@@ -65,12 +65,12 @@ def test_picking_refines_beyond_the_points_of_the_spectrum_with_and_without_a_wi
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0, 3.0, 5.0])
-def test_the_window_adds_what_the_room_lacks(decay):
+def test_the_decay_of_room_and_window_together_is_always_the_same(decay):
     noise = np.random.default_rng(0).normal(size=(4, len(TIME)))
     assert (spectrum.window_rate(noise * np.exp(-decay * TIME), FS) + decay) * T == pytest.approx(12, abs=2.0)
 
 
-def test_transform_is_the_sum_it_says():
+def test_transform_equals_its_defining_sum():
     signals = np.random.default_rng(0).normal(size=(3, 5000))
     f, s = np.array([0.0, 31.4, 777.7]), 5.0
     time = np.arange(5000) / FS
@@ -106,7 +106,7 @@ def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
         np.abs(spectrum.wavenumber_discrete(f, s, c, h, 500 / h) - spectrum.wavenumber_continuous(f, s, c))[1]
         for h in (0.02, 0.01)
     ]
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.04), "it tends to the continuous one"
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.04), "it converges to the continuous wavenumber"
 
 
 def residual(positions, pressures, k, radius, offset):
@@ -118,7 +118,7 @@ def residual(positions, pressures, k, radius, offset):
     return np.linalg.norm(pressures - W @ np.linalg.lstsq(W, pressures)[0]) / np.linalg.norm(pressures)
 
 
-def test_pressures_solve_helmholtz_the_better_the_higher_the_order(scene):
+def test_the_residual_of_helmholtz_falls_with_the_order(scene):
     angle = 2 * np.pi * np.arange(48) / 48
     ears = np.array([0.7, 0.54]) + 0.2 * np.column_stack([np.cos(angle), np.sin(angle)])
     ears = np.unique((np.floor(ears / 0.04) + 0.5) * 0.04, axis=0)
@@ -135,7 +135,7 @@ def test_pressures_solve_helmholtz_the_better_the_higher_the_order(scene):
     assert np.mean([residual(ears, p, k, 0.25, 3) for p, k in untreated]) > 5 * errors[3]
 
 
-def test_noise_has_the_power_asked_for(scene, recordings):
+def test_noise_has_the_requested_power(scene, recordings):
     noisy = replace(scene, measurement=replace(scene.measurement, snr_db=20.0))
     clean, measured = measure(scene, recordings), measure(noisy, recordings)
     power = np.mean(np.abs(clean.pressures) ** 2, axis=1)
@@ -161,7 +161,7 @@ def test_the_radius_is_found_to_a_factor_of_one_and_a_half_whatever_the_gains(ra
     assert array_radius(p * np.exp(0.5 * rng.normal(size=40)), k, dimension) == pytest.approx(found, rel=0.05)
 
 
-def test_no_radius_is_claimed_where_nothing_tells():
+def test_no_radius_follows_from_incoherent_pressures_or_too_few_frequencies():
     positions, k = disc(40, 0.5, 1), np.linspace(40, 80, 30)
     assert array_radius(waves(positions, k, 300), k, 2) is None, "the array is incoherent throughout"
     k = np.linspace(0.4, 12, 3)
@@ -171,7 +171,7 @@ def test_no_radius_is_claimed_where_nothing_tells():
 # The measurement of a scene contains the faults that the scene states, and no others.
 
 
-def test_faults_spoil_their_channels_alone():
+def test_faults_change_only_their_own_channels():
     scene = load_scene("tiny")
     clean = cached_measurement(scene).pressures
     faulty = cached_measurement(replace(scene, faults=Faults((9,), (3,)))).pressures

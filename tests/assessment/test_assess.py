@@ -189,7 +189,7 @@ def test_every_row_can_be_the_verdict(begun, row):
     assert (first_row(found), verdict.verdict) == (row, code) and words in verdict.message
 
 
-def test_a_contradiction_of_windows_and_rows_is_said(estimate):
+def test_a_contradiction_of_windows_and_rows_is_reported(estimate):
     assert "short windows" not in assess(replace(estimate, window_ratio=1.5)).message
     assert "arrays that differ by 3.0 sigma" in assess(replace(estimate, window_ratio=9.0)).message
 
@@ -230,7 +230,7 @@ def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
 # --- the quantities that the rows read -------------------------------------------------------------------------------
 
 
-def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
+def test_the_residual_is_divided_by_the_noise_of_every_mode_and_channel(estimate):
     """Without a field C = v tau, and the chi-square is sum |q|^2 / (v tau) over its degrees of freedom."""
     field, tau = estimate.field, estimate.channels.noise
     q, (M, N), D = field.terms.corrected, field.terms.corrected.shape, estimate.positions.shape[1]
@@ -247,7 +247,7 @@ def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
     assert figure(4 * noise) == pytest.approx(expected / 4, rel=1e-9)
 
 
-def test_noise_given_of_modes_that_are_not_in_use_decides_nothing(estimate):
+def test_reported_noise_of_unused_modes_does_not_affect_the_verdict(estimate):
     half, noise = slice(0, MODES // 2), np.array(estimate.problem.noise_power)
     noise[half.stop :] *= 1e-6
     for modes, count in ((half, 1), (slice(None), 0)):
@@ -302,7 +302,7 @@ def test_given_positions_that_are_wrong_leave_the_others_to_place_the_array(esti
     assert judged(replace(estimate, given=carried), names).agreement == 1.0
 
 
-def test_a_microphone_that_is_given_or_faulty_is_none_that_may_stand_elsewhere(estimate):
+def test_a_given_or_faulty_microphone_is_not_reported_to_stand_elsewhere(estimate):
     found = with_share(with_channel_noise(estimate, KNOWN[0], 5.0), 5e-4)
     names, others = [""] * len(found.positions), np.setdiff1d(np.arange(len(found.positions)), KNOWN)
     assert judged(found, names).noisiest in others
@@ -346,7 +346,7 @@ def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind)
     assert kstest(drawn, "uniform").pvalue > 1e-3
 
 
-def test_uneven_gains_are_no_uneven_residuals(estimate):
+def test_unequal_gains_do_not_count_as_unequal_residuals(estimate):
     """Noise that is equal before the gains is noise of the channels."""
     gains = np.array(estimate.channels.gains)
     quiet = np.setdiff1d(np.arange(len(gains)), KNOWN)[:8]
@@ -356,8 +356,8 @@ def test_uneven_gains_are_no_uneven_residuals(estimate):
     assert "times that of the median one" not in assess(found).message
 
 
-def test_a_noisy_channel_is_uneven_beside_uneven_ones_and_a_single_fault_alone(estimate):
-    """In a wrong basin some microphones have a large residual, and one so large a residual that it is called noisy."""
+def test_a_noisy_channel_counts_with_other_large_residuals_and_is_a_single_fault_without_them(estimate):
+    """In a wrong basin several microphones have large residuals, and one may be large enough to be called noisy."""
     two = with_share(with_channel_noise(estimate, 2, 5.0), 5e-4)
     three = np.array(two.channels.noise)
     three[np.setdiff1d(np.arange(len(three)), KNOWN)[2]] *= 40.0
@@ -368,7 +368,7 @@ def test_a_noisy_channel_is_uneven_beside_uneven_ones_and_a_single_fault_alone(e
     assert found.verdict == "good" and "noisy" in {one.kind for one in found.channels.faults}
 
 
-def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_eighth_and_more(estimate):
+def test_a_sound_speed_is_impossible_beyond_its_limit_plus_its_sigma_and_always_beyond_an_eighth(estimate):
     for ratio, sigma, possible in ((1.04, 0.0, True), (1.06, 0.0, False), (1.06, 0.01, True), (1.16, 1.0, False)):
         found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)
         assert (assess(found).verdict == "good") == possible, ratio
@@ -423,7 +423,7 @@ def test_every_solver_finds_a_healthy_array_good(healthy, solver):
     assert np.linalg.norm(found.positions - healthy.positions, axis=1).max() < 0.01
     if solver == "joint":
         same = assess(at(healthy, found.positions))
-        assert same.verdict == "good", "whoever reports these positions"
+        assert same.verdict == "good", "the solver does not matter"
         np.testing.assert_allclose(same.uncertainty, found.uncertainty, rtol=0.1)
 
 
@@ -499,7 +499,7 @@ def test_remedies_of_an_ambiguous_array_name_unused_modes_and_the_least_certain_
 
 @pytest.mark.parametrize("known", ["all", "none"])
 def test_the_same_end_has_the_same_sigma(healthy, known):
-    """The way does not matter: the run starts again from its end with one microphone moved away."""
+    """The path does not matter: the run starts again from its end with one microphone moved away."""
     measurement = healthy if known == "all" else replace(healthy, known=np.zeros(0, int), known_positions=None)
     problem, first = (end := solving.solved(measurement)).problem, end.state
     start = np.array(first.positions)

@@ -54,7 +54,7 @@ def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
     return np.linalg.norm(found.positions - measurement.positions, axis=1)
 
 
-def test_a_delay_counts_by_what_the_field_leaves_uncertain(estimate):
+def test_a_delay_counts_only_beyond_the_uncertainty_that_the_field_causes(estimate):
     """Blocks of frequencies that disagree ten times more than a diffuse field would make filters less certain, too."""
     c = estimate.problem.sound_speed
     sigma = np.full((COUNT, 2), 1e-5 * c)  # m, of the delays
@@ -149,7 +149,7 @@ def test_in_an_array_too_sparse_for_a_prediction_no_channel_is_dead(together, lo
     assert faulty_channels(end, covariance_of(end), NAMES) == {}
 
 
-def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
+def test_a_noisy_channel_is_reported_with_its_excess_in_decibels(healthy):
     p, rng = np.array(healthy.pressures), np.random.default_rng(6)
     power = np.mean(np.abs(p) ** 2, axis=1)
     draws = rng.normal(size=(2, MODES)) * np.sqrt(power * 10 ** (-15 / 10) / 2)

@@ -51,7 +51,7 @@ def faults(found):
     return [fault.name for fault in found.channels.faults]
 
 
-def test_without_reflections_the_field_is_said_to_be_a_single_wave():
+def test_without_reflections_the_field_is_reported_as_a_single_wave():
     measurement = measured(anechoic(3), snr_db=20.0)
     found = fdcal.calibrate(measurement, solver="robust")
     assert found.verdict == "model_mismatch" and "single wave" in found.verdict_text and faults(found) == []
@@ -68,7 +68,7 @@ def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
     assert found.verdict == "model_mismatch" and "sound field" in found.verdict_text
 
 
-def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good():
+def test_on_a_rigid_sphere_no_channel_is_faulty_and_the_verdict_is_not_good():
     # A rigid sphere measures a diffuse field as a larger open sphere does: the shape is right, the size is not.
     found = fdcal.calibrate(measured(rigid_sphere()), solver="robust")
     assert found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined")
@@ -76,7 +76,7 @@ def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good():
 
 
 @pytest.mark.parametrize("count", [2, 3, 8])
-def test_several_waves_are_no_single_one(count):
+def test_several_waves_are_not_reported_as_a_single_one(count):
     f = np.linspace(60, 400, MODES)
     for seed in range(5):
         assert not is_single_wave(waves(disc(24), 2 * np.pi * f / SPEED, count, seed))

@@ -101,7 +101,7 @@ def test_the_list_of_another_array_fits_in_no_order(array):
     ("array", "factor", "unit"),
     [("plane16", 100.0, "centimetres"), ("space32", 1000.0, "millimetres"), ("plane in space", 1.3, None)],
 )
-def test_a_list_of_another_size_is_matched_all_the_same(array, factor, unit):
+def test_a_list_of_another_size_is_still_matched(array, factor, unit):
     places = ARRAYS[array](1)
     wanted = np.roll(np.arange(len(places)), 2)
     check = compare_positions(moved(places[wanted], 1), factor * places)
@@ -112,7 +112,7 @@ def test_a_list_of_another_size_is_matched_all_the_same(array, factor, unit):
     assert f"is it in {unit}?" in text if unit else "times as large as the array found;" in text
 
 
-def test_swaps_are_seen_among_microphones_that_stand_elsewhere_and_three_in_each_others_places():
+def test_swaps_are_found_beside_displaced_microphones_and_in_a_cycle_of_three():
     places = ball(0, 20, 3)
     found = places.copy()
     found[[4, 9, 15]] = places[[9, 15, 4]]
@@ -128,7 +128,7 @@ def test_swaps_are_seen_among_microphones_that_stand_elsewhere_and_three_in_each
     assert set(np.argsort(check.distances)[-3:]) == {0, 5, 11}
 
 
-def test_a_turned_list_of_a_regular_circle_cannot_be_told_from_the_right_one():
+def test_a_rotated_list_of_a_regular_circle_cannot_be_distinguished_from_the_right_one():
     angles = 2 * np.pi * np.arange(16) / 16
     circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
     check = compare_positions(moved(np.roll(circle, 1, axis=0), 0, error=0.001), circle)
@@ -160,7 +160,7 @@ def test_position_errors_are_not_taken_for_swaps(seed):
 CODES = {one.code for one in FINDINGS} - {"good"}
 
 
-def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_places():
+def test_without_a_good_verdict_swaps_are_excluded_only_if_all_are_near_their_places():
     assert {"scale_undetermined", "undersampled", "sound_speed"} <= CODES
     places = ball(5, 16, 3)
     near = compare_positions(moved(places, 5), places)
@@ -182,7 +182,7 @@ def faults_of(listed, found, scale: float = 1.0) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_list_that_is_wrong_everywhere_is_neither_fine_nor_a_temperature(seed):
+def test_a_list_that_is_wrong_everywhere_neither_fits_nor_is_explained_by_a_temperature(seed):
     places, error = ball(seed, 16, 3), (0.015, 0.025)[seed % 2]
     listed = places + error * np.random.default_rng(seed).normal(size=places.shape)
     (words,) = faults_of(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
@@ -230,7 +230,7 @@ def test_a_dead_channel_counts_nowhere_in_the_fit_of_a_list(away):
 
 
 @pytest.mark.parametrize("array", ARRAYS)
-def test_a_list_by_a_tape_measure_is_fine_and_its_size_is_seen_all_the_same(array):
+def test_a_list_by_a_tape_measure_fits_and_its_wrong_size_is_still_detected(array):
     for seed in range(2):
         places = ARRAYS[array](seed)
         found = moved(places, seed, error=1e-3)

@@ -96,7 +96,7 @@ def test_a_result_may_lack_what_its_solver_does_not_find():
 
 
 DETAIL = {"name": "b", "kind": "dead", "value": None, "unit": "", "partner": None}
-MALFORMED = {  # values of a key that are refused, beside the least that a file holds, more, and all
+MALFORMED = {  # refused values of a key, in a file with the required keys only, with more keys, and with all keys
     "first": {
         "positions": [[1.0, 2.0], [[1.0, 2.0], [3.0]], [[1.0], [2.0]], [["a", "b"]], [[math.nan, 1.0]]],
         "frequencies": [[]], "solver": [3], "seed": [True], "sweeps": [1.5], "cost": [math.inf, 10**400, None],
@@ -121,7 +121,7 @@ MALFORMED = {  # values of a key that are refused, beside the least that a file 
     },
 }  # fmt: skip
 TABLES = {"first": LEAST, "newer": LEAST | MORE, "full": WHOLE}
-UNWRITTEN = {  # values of a field that no file is written with, beside those of the same key above
+UNWRITTEN = {  # values of a field with which no file is written, in addition to those of its key above
     "solver": [3], "seed": [True], "sweeps": [1.5], "cost": [math.inf, 10**400, None], "converged": ["yes"],
     "positions": [np.array([1.0, 2.0]), np.array([[1.0], [2.0]]), np.array([[math.nan, 1], [0, 0]])],
     "frequencies": [np.array([])], "mean_error": [-(10**400)], "names": [("a",)], "uncertainty": [np.array([0.1])],
@@ -145,7 +145,7 @@ def test_a_key_that_is_malformed_or_missing_is_named_and_is_not_written(tmp_path
     assert os.listdir(tmp_path) == []
 
 
-def test_a_file_that_is_no_result(tmp_path):
+def test_a_file_that_is_not_a_result_is_refused(tmp_path):
     path = tmp_path / "r.json"
     refuses("cannot read", load_result, path)
     for version in (None, 0, 2, "1", [1]):
@@ -203,8 +203,8 @@ def test_errors_are_of_the_microphones_sought_whose_channels_are_healthy():
     assert (read.mean_error, read.rms_error) == (some.mean_error, some.rms_error)
 
 
-def test_errors_of_an_array_that_nothing_holds_are_those_after_its_best_motion_and_page_and_file_say_so():
-    """The estimate is the truth turned, mirrored and moved, one microphone displaced by 30 mm: as it stands, metres."""
+def test_errors_of_an_unconstrained_array_are_those_after_alignment_on_the_page_and_in_the_file():
+    """The estimate is the rotated, mirrored and moved truth, one microphone 30 mm off; unaligned, it is metres off."""
     rng = np.random.default_rng(2)
     truth, pressures = rng.uniform(0, 1, (12, 2)), rng.normal(size=(3, 12)) + 1j * rng.normal(size=(3, 12))
     blind = Measurement([100.0, 140.0, 180.0], pressures, 343.0, positions=truth)
@@ -307,7 +307,7 @@ def test_the_figure_shows_every_microphone_once(D, panels):
     refuses("shape", lambda: result(D).plot(FOUR_POSITIONS[:, : 5 - D]))
 
 
-def test_true_positions_are_laid_on_an_array_that_nothing_holds():
+def test_true_positions_are_aligned_with_an_unconstrained_array():
     turned = FOUR_POSITIONS @ np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]) + [3.0, -1.0, 2.0]
     for panel, view in zip(result(known=None).plot(turned).axes, ([0, 1], [0, 2]), strict=True):
         (marks,) = (line for line in panel.lines if line.get_label() == "true")

@@ -103,7 +103,7 @@ def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_oth
     step[3] = [0.01, -0.02]
     moving = replace(known, spread=replace(known.spread, step=step))
     added = (covariance_of(moving) - covariance_of(known))[3]
-    np.testing.assert_allclose(added, np.outer(step[3], step[3]), err_msg="so does the step that is left")
+    np.testing.assert_allclose(added, np.outer(step[3], step[3]), err_msg="the remaining step adds, too")
 
 
 @pytest.mark.parametrize("given", [KNOWN, NONE], ids=["known", "blind"])
@@ -121,7 +121,7 @@ def test_an_array_twice_as_large_at_half_the_frequencies_has_twice_the_sigma(giv
     np.testing.assert_allclose(covariance_of(louder), covariance_of(one), rtol=1e-6, atol=1e-15)
 
 
-def test_the_covariance_of_a_blind_array_turns_with_it_and_holds_no_motion(blind):
+def test_the_covariance_of_a_blind_array_turns_with_it_and_contains_no_rigid_motion(blind):
     turn = np.array([[np.cos(0.7), -np.sin(0.7)], [np.sin(0.7), np.cos(0.7)]])
     moved = at(diffuse(np.random.default_rng(0)), TRUTH @ turn.T + [3.0, -1.0])
     np.testing.assert_allclose(covariance_of(moved), turn @ covariance_of(blind) @ turn.T, rtol=0.02, atol=3e-6)
@@ -129,7 +129,7 @@ def test_the_covariance_of_a_blind_array_turns_with_it_and_holds_no_motion(blind
     np.testing.assert_allclose(R.T @ blind.spread.newton @ R, 0, atol=1e-12)
 
 
-def test_in_the_least_frame_the_coordinates_that_it_fixes_are_certain():
+def test_in_the_minimal_frame_the_coordinates_that_it_fixes_are_certain():
     problem = diffuse(np.random.default_rng(0), KNOWN).problem("unit", "minimal")
     found = estimate_at(problem, SolverSettings(name="descent"), TRUTH, slice(0, len(K)), True)
     assert (
@@ -144,7 +144,7 @@ def test_in_the_least_frame_the_coordinates_that_it_fixes_are_certain():
     assert along @ blocks[second] @ along > 0
 
 
-def test_the_covariance_follows_what_the_blocks_disagree_by_and_is_never_below_the_model(known):
+def test_the_covariance_grows_with_the_disagreement_of_the_blocks_and_is_never_below_the_model(known):
     """Only the part from the data grows, by three quarters of the excess, and equally for all microphones."""
     still = replace(known.spread, step=np.zeros_like(known.spread.step))
     data = still.data.reshape(9, 2, 9, 2)[range(9), :, range(9)]
@@ -153,21 +153,21 @@ def test_the_covariance_follows_what_the_blocks_disagree_by_and_is_never_below_t
         np.testing.assert_allclose(blocks, covariance_of(known, by_model=True) + excess * data, rtol=1e-12, atol=1e-18)
 
 
-def test_what_a_prior_states_is_no_error_of_the_data_and_not_widened(known, blind):
+def test_the_uncertainty_that_a_prior_states_is_not_widened(known, blind):
     for found in (known, blind):  # the only prior is that of exact positions
         assert np.trace(found.spread.data) == pytest.approx(np.trace(found.spread.newton), rel=1e-3)
     shares = [
         np.trace(one.data) / np.trace(one.newton)
         for one in (at(diffuse(np.random.default_rng(0), KNOWN), sound_speed_sigma=s).spread for s in (1.0, 0.03, 1e-4))
     ]
-    assert shares[0] > 0.99 and shares[1] < 0.9 and shares[2] > 0.999, "a speed that the prior and the data tell"
+    assert shares[0] > 0.99 and shares[1] < 0.9 and shares[2] > 0.999, "prior and data both determine the speed"
     unsure, x = at(diffuse(np.random.default_rng(0)), sound_speed_sigma=0.03), (TRUTH - TRUTH.mean(axis=0)).ravel()
     wide, narrow = (replace(one.spread, dispersion=5.0) for one in (unsure, blind))
     np.testing.assert_allclose(wide.covariance - narrow.covariance, 0.03**2 * np.outer(x, x), atol=1e-9)
     assert unsure.log_speed_sigma == 0.03
 
 
-def test_modes_measured_twice_say_nothing_new():
+def test_modes_measured_twice_add_no_information():
     """Duplicated modes are in one block, so that the dispersion doubles while the covariance is halved."""
     measurement = diffuse(np.random.default_rng(4), wavenumbers=np.linspace(0.5, 4.2, 48))
     twice = replace(
@@ -217,7 +217,7 @@ def test_the_spread_of_the_search_is_weighted_by_likelihood(known):
     np.testing.assert_array_equal(apart.covariance, assess(replace(known, tried=(best,))).covariance)
 
 
-def test_a_faulty_channel_does_not_place_the_arrays_on_each_other(known):
+def test_a_faulty_channel_does_not_affect_the_alignment_of_arrays(known):
     moved = known.positions @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 2.0
     moved[5] += [0.3, 0.4]
     healthy = np.arange(len(TRUTH)) != 5
@@ -236,7 +236,7 @@ def test_the_place_of_a_dead_channel_does_not_count_for_the_size(blind):
     assert scale_sigma_of(loose, EVERY) > 2 * scale_sigma_of(blind, EVERY)
 
 
-def test_the_sigma_of_the_size_is_that_of_the_move_that_stretches(blind):
+def test_the_sigma_of_the_size_is_that_of_stretching_the_array(blind):
     stretch = ((blind.positions - blind.positions.mean(axis=0)) * [1.0, 0.0]).ravel()
     moves = 0.2**2 * np.outer(stretch, stretch)
     wide = replace(blind.spread, newton=moves, data=moves, dispersion=1.0)
@@ -314,7 +314,7 @@ def test_equals_numerical_derivatives_of_the_covariance(axes, dimension):
         assert np.abs(found[: x.size, : x.size] @ rigid_motions(x)).max() < 1e-9 * np.abs(found).max()
 
 
-def test_what_is_unknown_can_only_widen_the_bound():
+def test_additional_unknowns_can_only_raise_the_bound():
     """For a blind array, an uncertainty of 1 % in c adds 1 % to that of the size, in quadrature."""
     information, known = diffuse_information(array(10, 2), WAVENUMBERS, SHARE, 2), np.arange(3)
     exact = position_bound(information, Prior(known)).sigma[3:]

@@ -85,7 +85,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     ("room.npz", b"PK\x03\x04", ["export", "room.npz", "-o", "out.csv"], "is not a result; give the .json file"),
     ("empty.wav", b"", ["import", "empty.wav", "-o", "out.npz"], "that can be read: the file is empty"),
 ])  # fmt: skip
-def test_a_file_of_another_kind_is_said_to_be_one(tmp_path, refused, name, content, arguments, words):
+def test_a_file_of_another_kind_is_named_as_such(tmp_path, refused, name, content, arguments, words):
     (tmp_path / name).write_bytes(content)
     assert words in refused(*arguments)
 

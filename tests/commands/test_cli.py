@@ -55,7 +55,7 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
     return run
 
 
-def test_the_cost_is_that_of_the_page(calibrated, made):
+def test_the_printed_cost_is_that_of_the_page(calibrated, made):
     """It is Eq. 7 over all modes in decibels, whatever the solver minimises."""
     cost = ReferenceCost(load_measurement(made / "tiny.npz").problem())
     out, result = calibrated()

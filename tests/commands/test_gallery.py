@@ -135,7 +135,7 @@ def test_a_folder_that_holds_something_is_kept(quick, tmp_path, refused):
 
 
 @pytest.mark.parametrize("place", ["file", "missing/gallery"])
-def test_a_place_that_is_no_folder_is_refused(quick, place, tmp_path, refused):
+def test_a_path_that_is_not_a_folder_is_refused(quick, place, tmp_path, refused):
     (tmp_path / "file").write_text("", encoding="utf-8")
     words, code = ("is a file", 2) if place == "file" else ("does not exist", 3)
     assert words in refused("gallery", "-o", tmp_path / place, code=code)

@@ -77,7 +77,7 @@ def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_calibration_that_is_ended_writes_its_best(number, tmp_path, monkeypatch):
+def test_a_calibration_that_is_ended_writes_its_best_positions_so_far(number, tmp_path, monkeypatch):
     @contextlib.contextmanager
     def bar(title):
         yield lambda done, note="": os.kill(os.getpid(), number) if "sweep 2" in note else None
@@ -142,7 +142,7 @@ def test_the_command_loads_only_what_a_calibration_needs(made):
     assert "verdict good" in summary and loaded == "[]"
 
 
-def test_warm_compiles_everything_and_tells_how_far_it_is(capsys, monkeypatch):
+def test_warm_compiles_everything_and_reports_its_progress(capsys, monkeypatch):
     """It does so on standard error. `benchmarks/checks/test_compiled.py` tests that nothing is left to compile."""
     names, compiled = [name for name, _ in cli.all_pieces()], []
     monkeypatch.setattr(cli, "all_pieces", lambda: [(name, lambda name=name: compiled.append(name)) for name in names])

@@ -43,7 +43,7 @@ def test_inverted_and_swapped_channels_are_named_after_a_take_of_20_s(folder, ca
     assert "next    correct the channels, and record this take again" in lines
 
 
-def test_each_take_says_what_all_of_them_say_together(folder, capsys, quick_import):
+def test_the_report_after_each_take_uses_all_takes_so_far(folder, capsys, quick_import):
     (folder / ".fdcal-0.wav").write_bytes(b"RIFF")  # a program that was killed leaves such a file
     arguments = ["record", "-o", folder / "t1.wav", "--result", folder / "r.json", "--positions", folder / "list.csv"]
     code = exit_code(*arguments, "--replay", folder / "one.wav", "--replay", folder / "two.wav", "--seconds", 10)
@@ -76,7 +76,7 @@ def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch
     assert signal.getsignal(number) is before
 
 
-def test_a_signal_that_is_ignored_ends_no_take(folder, tmp_path, monkeypatch):
+def test_a_signal_that_is_ignored_does_not_end_a_take(folder, tmp_path, monkeypatch):
     replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # nohup starts a program like this
     hung_up = lambda _: signal.raise_signal(signal.SIGHUP)  # noqa: E731
     monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, hung_up))
@@ -102,7 +102,7 @@ def test_silent_clipped_and_duplicated_channels_are_named_while_the_take_lasts(f
     assert lines[4].startswith("result  none: ") and "3 microphones" in lines[4]
 
 
-def test_between_takes_its_user_chooses_another_one_or_the_same_again(folder, tmp_path, monkeypatch, capsys):
+def test_between_takes_the_user_chooses_another_one_or_the_same_again(folder, tmp_path, monkeypatch, capsys):
     def card(*_):
         return take.replayed(folder / "one.wav", 4)
 

@@ -40,7 +40,7 @@ def test_the_cost_is_in_decibels_and_in_the_file_with_and_without_a_search_domai
 @pytest.mark.parametrize(("converged", "verdict", "words"), [
     (True, "good", "converged"), (False, "not_converged", "stopped before it converged"), (False, "good", "ended; the"),
 ])  # fmt: skip
-def test_the_end_of_the_run_is_in_the_sense_of_the_verdict(inputs, found, converged, verdict, words):
+def test_the_words_for_the_end_of_the_run_agree_with_the_verdict(inputs, found, converged, verdict, words):
     line = line_of(summary(inputs, replace(found, converged=converged, verdict=verdict)), "run")
     assert words in line and ("stopped" in line) == (verdict == "not_converged")
 

@@ -52,7 +52,7 @@ def test_a_faulty_channel_is_named_in_the_whole_result_and_may_be_left_out(calib
     assert code == 0 and result["excluded"] == ["17"] and "17" not in result["names"]
     assert len(result["positions"]) == len(result["names"]) == len(result["uncertainty_m"]) == 24
     assert exit_code("landscape", "m.npz", "--microphone", "3", "--result", "r.json", "-o", "f.png") == 2
-    assert "leaves out microphone 17" in capsys.readouterr().err, "it is no place for all"
+    assert "leaves out microphone 17" in capsys.readouterr().err, "this result lacks a microphone"
     assert calibrate(column(9, lambda p: np.nan), "--exclude", "9")[0] == 0
 
 

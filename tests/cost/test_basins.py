@@ -35,12 +35,12 @@ def waves(rng):
 def test_a_ripple_does_not_count_and_a_minimum_does():
     valley = np.abs(np.arange(-30, 31))[:, None] * 10.0 + np.zeros((61, 81))
     ripple = valley + np.where(np.arange(81) % 4 == 0, -0.05, 0.0)
-    assert len(basins_of(ripple).minima) == 0, "beads along a valley"
+    assert len(basins_of(ripple).minima) == 0, "ripples along a valley are no minima"
     ripple[30, 50] -= 30
     np.testing.assert_array_equal(basins_of(ripple).minima, [[30, 50]])
 
 
-def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one():
+def test_minima_below_the_end_of_the_scale_rank_equally_and_a_chain_of_them_is_one():
     x, y = lattice()
     left, right = ((x - at) ** 2 + (y - 0.45) ** 2 for at in (0.3, 0.9))
     ring = np.abs(np.hypot(x - 0.6, y - 0.45) - 0.3) ** 2 + 1e-7  # on a lattice, the ring is a chain of small minima
@@ -53,7 +53,7 @@ def test_holes_below_the_end_of_the_scale_fit_equally_and_a_chain_of_them_is_one
     np.testing.assert_allclose([*shallow.lowest, *shallow.others], [[0.3, 0.45], [0.9, 0.45]], atol=1e-9)
 
 
-def climbs(cost):
+def prominences(cost):
     """Prominence of every local minimum of a map or volume of different costs, by its flat index."""
     flat, around = cost.ravel(), np.ones((3,) * cost.ndim)
     found = {}
@@ -72,9 +72,9 @@ def climbs(cost):
 @pytest.mark.parametrize("shape", [(9, 13), (1, 20), (2, 2), (4, 5, 6)])
 @settings(deadline=None, max_examples=8)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_minima_are_those_whose_climb_exceeds_the_depth(shape, seed):
+def test_the_minima_are_those_whose_prominence_exceeds_the_depth(shape, seed):
     cost = np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) / np.prod(shape)
-    expected = climbs(cost)
+    expected = prominences(cost)
     for depth in (0.0, 0.1, 0.3, 2.0):
         found = merged_basins(cost, depth)[0]
         assert set(found.tolist()) == {minimum for minimum, climb in expected.items() if climb > depth}
@@ -93,7 +93,7 @@ def test_descent_down_a_slope_leaves_the_map():
     x, y = lattice()
     slope = basins_of(x + 0.3 * y)
     assert (slope.labels == OUTSIDE).all() and not len(slope.minima)
-    assert len(basins_of(np.ones((20, 30))).minima) == 0, "nor has a level cost a minimum"
+    assert len(basins_of(np.ones((20, 30))).minima) == 0, "a level cost has no minimum"
 
 
 # The path downhill descends at every step, and ends at the local minimum that the map marks in its basin.
@@ -145,4 +145,4 @@ def test_a_path_passes_a_dent_that_is_too_shallow_to_count():
     basins = basins_of(cost, depth=0.05)
     path = descent_path(cost, search, basins, (3.9, 1.0))
     np.testing.assert_allclose(path.points[-1], (1.4, 1.0), atol=1e-9)
-    assert np.all(np.diff(path.costs) < 0) and np.abs(np.diff(path.points, axis=0)).max() < 0.3, "no leap"
+    assert np.all(np.diff(path.costs) < 0) and np.abs(np.diff(path.points, axis=0)).max() < 0.3, "no jump"

@@ -55,7 +55,7 @@ def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(or
         np.testing.assert_allclose(fit.cost_of(W[[7]]), np.sum(np.abs(mean - one) ** 2), atol=1e-9)
 
 
-def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
+def test_functions_as_small_as_rounding_errors_explain_nothing():
     """For an array far smaller than the wavelength, J_l(z) is below 1e-12 from some order on."""
     p = np.random.default_rng(6).normal(size=(1, 24)) + 0j
     enough, ample = (eq7.fit(fourier_bessel(GUESS, 0.1, order, CENTRE)[None], p)[2] for order in (8, 11))
@@ -108,7 +108,7 @@ def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimensio
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_a_mode_is_carried_that_has_fewer_functions_than_there_are_microphones(dimension, D):
+def test_a_mode_is_usable_if_it_has_fewer_functions_than_there_are_microphones(dimension, D):
     problem = replace(PLANE, dimension=dimension, array_dimension=D)
     count = eq7.functions(problem, int(eq7.carried_modes(problem, 0).orders[-1]))
     arrays = (replace(problem, pressures=np.ones((14, n), complex)) for n in (count, count + 1))
@@ -136,7 +136,7 @@ def assert_best(positions, n, centre, modes, weight):
 
 @pytest.mark.parametrize("known_weight", [1.0, 1000.0])
 @pytest.mark.parametrize("n", [0, 23])
-def test_on_the_lattice_and_off_it_and_where_the_dictionary_has_no_full_rank(n, known_weight):
+def test_the_search_finds_the_best_point_from_any_array_and_with_a_rank_deficient_dictionary(n, known_weight):
     modes, centre = slice(1, 9), LATTICE.nearest(CENTRE)
     mixed = np.where(np.arange(len(GUESS))[:, None] % 2, LATTICE.nearest(GUESS), GUESS)
     threes = np.repeat(mixed[:8], 3, axis=0)  # three microphones at one place carry few functions
@@ -170,14 +170,14 @@ def brute_force(problem, positions, offset):
 
 
 @pytest.mark.parametrize("name", ["tiny", "ball3d", "plane3d"])
-def test_it_is_equation_7_of_all_modes_at_one_order(name):
+def test_the_reference_cost_is_equation_7_of_all_modes_at_one_order(name):
     measurement = cached_measurement(load_scene(name))
     problem, rng = measurement.problem(), np.random.default_rng(0)
     for spread in (0.0, 0.01, 0.3):
         positions = measurement.positions + spread * rng.normal(size=measurement.positions.shape)
         assert eq7.ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
     raw = eq7.ReferenceCost(measurement.problem("raw"))
-    assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, "in any scale"
+    assert raw.count == eq7.ReferenceCost(problem).count and raw(measurement.positions) < -30, "in any unit"
     assert np.isnan(raw(np.nan * positions)) and np.isnan(eq7.decibels(np.nan)) and eq7.decibels(0.0) == -160
     far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # the tables do not reach so far
     assert eq7.ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
@@ -185,7 +185,7 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     positions = measurement.positions + 0.02 * rng.normal(size=measurement.positions.shape)
     there = replace(search, origin=tuple(positions[n].tolist()), size=(search.step,) * len(search.size))
     total = eq7_maps(problem, positions, n, range(1, count + 1), 2, there).sum(axis=0)
-    assert eq7.decibels(total[0, 0]) == pytest.approx(eq7.ReferenceCost(problem)(positions), abs=1e-6), "as of a map"
+    assert eq7.decibels(total[0, 0]) == pytest.approx(eq7.ReferenceCost(problem)(positions), abs=1e-6), "as in a map"
 
 
 def test_few_microphones_lower_the_order_and_too_few_have_none(tiny):
@@ -220,7 +220,7 @@ def test_a_map_at_the_estimate_is_the_reference_cost(run):
     assert powers @ alone / powers.sum() == pytest.approx(total[0, 0], rel=1e-9)
 
 
-def test_gains_multiplied_into_the_pressures_come_out_again(tiny):
+def test_gains_multiplied_into_the_pressures_are_removed_again(tiny):
     problem, x, rng = tiny.problem(), tiny.positions, np.random.default_rng(3)
     gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
     spoiled = replace(problem, pressures=problem.pressures * gains)

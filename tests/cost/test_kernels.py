@@ -211,7 +211,7 @@ def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_c
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
 @pytest.mark.parametrize("kernel", ["damped", "damped directional"])
-def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dimension, D):
+def test_the_centre_of_a_damped_field_follows_from_the_positions_given_for_it(kernel, dimension, D):
     x, p, _ = drawn(D, seed=5)
     field = assumed(kernel, x, dimension)
     about = 1.5 * x - 0.2
@@ -226,7 +226,7 @@ def test_the_positions_given_for_it_set_the_centre_of_a_damped_field(kernel, dim
 # Channels have gains and corner frequencies.
 
 
-def test_a_delay_and_a_high_pass_are_what_they_do_to_a_signal():
+def test_a_delay_and_a_high_pass_have_their_transfer_functions():
     d, corner = 0.34, 0.8  # metres and rad/m
     filtered = np.exp(log_response(np.array([[0, 0, d, 0], [0, 0, 0, corner], [0, 0, 0, -corner]]), RISING)[0])
     high_pass = 1j * RISING / (corner + 1j * RISING)

@@ -172,7 +172,7 @@ def test_the_shape_of_a_mode_is_the_recorded_field(waves):
     inside = np.s_[2:11, 2:11]  # the part of the lattice among the microphones
     basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
     _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
-    assert left[0] < 1e-8, "one moment of the oscillation"
+    assert left[0] < 1e-8, "a snapshot of the oscillation"
 
 
 # The maps of the likelihood over the search lattice obey these laws.
@@ -223,7 +223,7 @@ def test_maps_are_the_likelihood_at_every_point(dimension, D, share):
 
 
 @pytest.mark.parametrize("away", [1.0, 40.0])
-def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(away):
+def test_a_distant_microphone_leaves_maps_exact_and_does_not_change_later_ones(away):
     problem = replace(MEASURED.problem(), search=AREA)
     noise = noise_of(problem, 1e-4)
     before = cost.likelihood_maps(problem, ROUGH, N, MODES, noise)
@@ -233,7 +233,7 @@ def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(
     np.testing.assert_allclose(cost.likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
 
 
-def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():
+def test_the_map_of_the_joint_solver_assumes_at_least_the_noise_that_the_kernel_needs():
     problem = MEASURED.problem()
     begun = joint.init(problem, SolverSettings(name="joint", modes=40), 0)
     for share, shown in ((1e-3, 1e-3), (1e-10, DIFFUSE_FLOOR)):

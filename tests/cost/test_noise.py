@@ -56,7 +56,7 @@ def test_the_noise_found_is_the_likeliest_one(complex_k):
     least = minimize_scalar(cost, bounds=(np.log(1e-3), np.log(0.5)), method="bounded")
     estimate = estimates.estimate_noise(TRUTH, p, field, 1e-3)
     assert estimate.alone == pytest.approx(np.exp(least.x), rel=0.02)
-    assert estimate.cost < least.fun - np.log(tau).sum() * M + 0.5, "the error of the positions is one more freedom"
+    assert estimate.cost < least.fun - np.log(tau).sum() * M + 0.5, "the position error is one more free parameter"
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.02, 0.4])

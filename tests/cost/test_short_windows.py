@@ -67,7 +67,7 @@ def test_the_gradient_is_that_of_the_cost(ring):
     np.testing.assert_allclose(part.fisher, terms.fisher[np.ix_(some, some)], atol=1e-9)
 
 
-def test_the_scores_of_the_model_scatter_as_the_information_says():
+def test_the_covariance_of_the_scores_is_the_information():
     rng = np.random.default_rng(1)
     field = some_field(rng)
     likelihood = drawn(field, rng, windows=60, frequencies=40)

@@ -74,12 +74,12 @@ def test_a_flat_map_is_drawn_too(value, log):
         (14830.1, 14930.7), (2e4, 2e5), (1e5, 9e5),
     ],
 )  # fmt: skip
-def test_ticks_say_where_their_value_lies(ends):
+def test_ticks_stand_at_their_values(ends):
     bar = primitives.ColourBar(*ends, "cost")
     assert 2 <= len(bar.ticks) <= 7
     assert len({text for _, text in bar.ticks}) == len(bar.ticks), "two ticks say the same"
     for (left, one), (right, other) in itertools.pairwise(bar.ticks):
-        assert (right - left) * 44 > (len(one) + len(other)) / 2, "forty-four letters find room along a bar"
+        assert (right - left) * 44 > (len(one) + len(other)) / 2, "44 letters fit along a bar"
     for share, text in bar.ticks:
         assert read(text) == pytest.approx(bar.low + share * (bar.high - bar.low), rel=1e-2)
 
@@ -96,7 +96,7 @@ def read(text: str) -> float:
 
 
 @pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 999999.9])
-def test_numbers_are_written_without_exponents_of_a_computer(value):
+def test_numbers_are_written_without_exponents(value):
     ticks = primitives.ColourBar(min(value, 0.0), max(value, 0.0), "").ticks
     assert len(ticks) > 1 and all("e" not in text and len(text) <= 8 for _, text in ticks)
     for fraction, text in ticks:
@@ -106,8 +106,8 @@ def test_numbers_are_written_without_exponents_of_a_computer(value):
 # The matrices act on linear RGB: Vienot et al., Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
 EYES = {
     "all cones": np.eye(3),
-    "no long ones": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
-    "no middle ones": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
+    "no L cones": np.array([[0.11238, 0.88762, 0], [0.11238, 0.88762, 0], [0.00401, -0.00401, 1]]),
+    "no M cones": np.array([[0.29275, 0.70725, 0], [0.29275, 0.70725, 0], [-0.02234, 0.02234, 1]]),
 }
 APART = 15  # in CIELAB, where a difference of two is just visible between adjacent colours
 

@@ -88,7 +88,7 @@ def test_a_cost_of_both_signs_has_a_linear_scale():
     assert np.isfinite([share for share, _ in floor.bar.ticks]).all()
 
 
-def test_a_standing_wave_is_white_where_it_is_nothing_and_its_line_joins_what_a_microphone_measures(measured):
+def test_a_standing_wave_is_white_where_it_is_zero_and_its_line_joins_places_of_the_measured_pressure(measured):
     measurement, problem = measured
     truth, n, lattice = measurement.positions, 8, refined(problem.search, WAVE_POINTS)
     floor = wave_floor(problem, truth, n, [(12, "mode 12, x"), (15, "mode 15, x")], 2)

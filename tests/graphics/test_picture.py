@@ -25,7 +25,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
 
 
-def listen(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
+def sampled(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
     """Plane waves at the positions: a measurement that needs no simulation."""
     p, f = waves(np.asarray(positions), [1.0, 2.0, 3.0], 6), [50.0, 100.0, 150.0]
     return Measurement(f, p, 343.0, positions=positions, known=known, search=search, **more)
@@ -33,7 +33,7 @@ def listen(positions, known=(0, 1, 2), search=None, **more) -> Measurement:
 
 @pytest.fixture(scope="module")
 def measurement(scene):
-    return listen(np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2)), search=scene.search)
+    return sampled(np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2)), search=scene.search)
 
 
 def parts(drawn):
@@ -118,7 +118,7 @@ def ball():
     """A scene of three dimensions and a measurement in its search domain, no field computed."""
     scene = load_scene("ball3d")
     positions = np.random.default_rng(1).uniform([1.5, 1.2, 0.9], [2.3, 2.0, 1.7], (12, 3))
-    return scene, listen(positions, known=(0, 1, 2, 3), search=scene.search, dimension=3)
+    return scene, sampled(positions, known=(0, 1, 2, 3), search=scene.search, dimension=3)
 
 
 def test_in_space_every_marker_is_at_its_own_height(ball):
@@ -162,7 +162,7 @@ def test_in_space_the_room_is_a_box_and_the_map_lies_under_the_array(ball):
 def test_a_plane_array_is_drawn_at_its_height_in_the_room():
     scene = load_scene("plane3d")
     positions = np.random.default_rng(1).uniform([1.5, 1.2], [2.3, 2.0], (12, 2))
-    measurement = listen(positions, search=scene.search, dimension=3, array_dimension=2)
+    measurement = sampled(positions, search=scene.search, dimension=3, array_dimension=2)
     drawn = pictures.compose(scene, measurement, positions, 5)
     assert drawn.z_range == (1.2, 1.2)
     for name in ("microphones/true", "microphones/estimate", "microphones/known", "frame"):
@@ -199,7 +199,7 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
 
 def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     scene = load_scene("listening_lab")
-    picture = pictures.static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
+    picture = pictures.static_picture(scene, sampled(positions_of(scene), search=scene.search, dimension=3))
     parts = [part.name for part in (*picture.meshes, *picture.lines, *picture.labels)]
     assert not [name for name in parts if name.startswith(("room", "source"))]
     assert picture.bounds == picture.focus
@@ -208,9 +208,9 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     assert (pixels >= 0).all() and (pixels <= (640, 480)).all(), "there is no floor at z = 0 to stand on"
 
 
-def test_heights_have_a_ruler_where_it_shows_and_no_text_covers_another():
+def test_heights_have_a_ruler_where_it_is_visible_and_no_text_covers_another():
     scene = load_scene("ball3d")
-    picture = pictures.static_picture(scene, listen(positions_of(scene), search=scene.search, dimension=3))
+    picture = pictures.static_picture(scene, sampled(positions_of(scene), search=scene.search, dimension=3))
     image, size = ImageDraw.Draw(Image.new("RGB", (900, 700))), (900, 700)
     letters = snapshot.font(14)
     for view, shown in (("top", "frame/range"), ("close", "frame/z")):
@@ -277,7 +277,7 @@ def test_walls_are_a_closed_band_of_the_right_area(name):
 
 
 @pytest.mark.parametrize("view", ["top", "close"])
-def test_the_name_of_a_ball_stands_above_it_from_everywhere(scene, measurement, view):
+def test_the_name_of_a_ball_stands_above_it_in_every_view(scene, measurement, view):
     floor = cost_floor(np.ones((60, 50)), scene.search, relief=True)
     estimate, size = measurement.positions, (900, 700)
     drawn = pictures.with_ball(pictures.compose(scene, measurement, estimate, 5, floor), estimate[5], floor)

@@ -98,7 +98,7 @@ for (const name of ["fillText", "stroke"]) {
 
 
 @pytest.mark.parametrize("ends_true", [True, False])
-def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again(ends_true, run, browser, tmp_path):
+def test_a_curve_shows_zero_errors_and_marks_restarts_of_the_solver(ends_true, run, browser, tmp_path):
     scene, measurement, states = run
     path, counted = tmp_path / "restarts.html", {"sweep": 0, "stage": 0, "moved": -1, "first": 1, "last": 3}
     places = [states[0].positions] * 3 + [measurement.positions if ends_true else states[-1].positions]
@@ -115,7 +115,7 @@ def test_a_curve_has_a_place_for_no_error_and_marks_where_the_solver_began_again
         colours = {text for text, height in page.evaluate("window.drawn") if height is None}
         assert ("#8c5ab4" in colours) == page.get_by_text("Violet ticks").is_visible() == ends_true
         above = [height for text, height in scale.items() if text != "0" and height < scale.get("0", np.inf)]
-        assert len(above) >= 2 and (not ends_true or max(above) + 10 < scale["0"]), "below all that a logarithm has"
+        assert len(above) >= 2 and (not ends_true or max(above) + 10 < scale["0"]), "below all decades"
 
 
 def test_a_calibration_shows_its_run_inside_a_notebook(run, browser):
@@ -273,7 +273,7 @@ SCALE_OF = """text => {
 }"""
 
 
-def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
+def test_an_address_leads_to_a_state_and_follows_the_viewer(browser, tmp_path):
     measurement = measured(2, 2)
     names = ["A & B", *(f"m{n}" for n in range(1, 44))]
     text, *_ = replay_of(dataclasses.replace(measurement, names=tuple(names)))

@@ -73,7 +73,7 @@ def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
         state = after
 
 
-def test_a_microphone_that_is_let_go_rolls_downhill_into_a_hole_that_is_named(page, run):
+def test_a_released_microphone_rolls_downhill_into_a_minimum_that_is_named(page, run):
     truth = run[1].positions[MICROPHONE]
     drag(page, 30, 20)
     wait_for(page, "replay.own?.words.endsWith('dB')")
@@ -105,7 +105,7 @@ TO_THE_EDGE = """() => {
 }"""
 
 
-def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
+def test_a_microphone_that_stops_at_the_edge_of_the_map_is_in_no_minimum(page, run):
     drag(page, 10, 0)
     start = page.evaluate(TO_THE_EDGE)
     page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", start)
@@ -117,7 +117,7 @@ def test_one_that_stops_at_the_edge_of_the_map_is_in_no_hole(page, run):
     assert page.evaluate("replay.own.reached") == homes
 
 
-def test_a_sweep_moves_all_and_the_recording_comes_back(page, run):
+def test_a_sweep_moves_all_and_the_recorded_run_can_be_shown_again(page, run):
     _, measurement, problem, states = run
     page.get_by_role("button", name="Sweep").click()
     free = problem.free.tolist()

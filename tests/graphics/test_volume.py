@@ -70,7 +70,7 @@ def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_col
     opacity = volume.surface.texture[:, 0, 3]
     assert np.all(np.diff(opacity.astype(int)) < 0) and 100 < opacity.max() < 200
     light, dark = (one.surface.texture.astype(int) for one in (volume, brightened(volume)))
-    assert (dark[..., :3] > light[..., :3]).all() and (dark >= light).all(), "to be seen on a dark page"
+    assert (dark[..., :3] > light[..., :3]).all() and (dark >= light).all(), "visible on a dark page"
     listed = ", ".join(f"{level:g}" for level in volume.levels[:-1])
     assert volume.text == f"isosurfaces at {listed} and {volume.levels[-1]:g} dB"
 

@@ -168,7 +168,7 @@ def test_places_keep_their_distances_and_reach_all_of_the_room(size):
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("size", [0.03, 0.7, 4.0])
-def test_it_holds_the_array_and_a_margin(dimension, size):
+def test_a_domain_contains_the_array_and_a_margin(dimension, size):
     rng = np.random.default_rng(0)
     positions = 3 + size * rng.uniform(size=(30, dimension))
     search = search_around(positions)
@@ -185,7 +185,7 @@ def test_it_holds_the_array_and_a_margin(dimension, size):
         assert larger.step == pytest.approx(10 * search.step) and larger.radius == pytest.approx(10 * search.radius)
 
 
-def test_a_blind_array_keeps_its_domain_only_where_its_true_positions_are():
+def test_a_blind_array_keeps_its_domain_only_if_this_lies_round_its_true_positions():
     rng = np.random.default_rng(2)
     truth = rng.uniform(size=(20, 2))
     estimate, around = truth @ [[0.0, -1.0], [1.0, 0.0]] + 9.0, search_around(truth)

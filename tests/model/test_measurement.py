@@ -37,7 +37,7 @@ def test_noise_follows_the_unit():
     assert np.array_equal(raw.noise_power, measurement.noise_power)
 
 
-def test_wavenumbers_follow_the_sound_speed_and_the_frequencies_and_given_ones_do_not_stay_behind():
+def test_wavenumbers_follow_sound_speed_and_frequencies_and_given_ones_must_be_replaced():
     """Positions follow from wavenumbers only, so that the old wavenumbers would give an array of the old size."""
     measurement = measured(POSITIONS, (0, 1, 2), highest=100.0)
     k, c = measurement.wavenumbers, 1.01 * measurement.sound_speed
@@ -83,7 +83,7 @@ def test_a_measurement_survives_the_round_trip(written):
 
 
 @pytest.mark.parametrize("key", model.REQUIRED)
-def test_a_required_key_is_asked_for(written, key):
+def test_a_missing_required_key_is_named(written, key):
     refuses(rf'has no "{key}"; a measurement needs', lambda: model.load_measurement(written(**{key: None})))
 
 
@@ -183,7 +183,7 @@ def test_joined_takes_keep_their_spectra():
         for n, spectrum in enumerate(spectra, 1)
     ]
     joined = fdcal.Measurement.from_takes(each)
-    assert joined.spectrum.shape == (3, 27), "over the frequencies of the finest"
+    assert joined.spectrum.shape == (3, 27), "on the finest frequency grid"
     for number, level in enumerate((1, 2)):
         axis, power = joined.of_take(number).spectrum
         np.testing.assert_allclose(power, level * axis)

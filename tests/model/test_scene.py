@@ -159,7 +159,7 @@ def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
     ("gone.toml", "cannot read scene"), ("mine.npz", "is a measurement; give a scene"), ("a\0b.toml", "NUL"),
     ("text.toml", "not valid TOML"), ("binary.toml", "not valid TOML"),
 ])  # fmt: skip
-def test_what_is_no_scene_is_refused_in_one_line(tmp_path, monkeypatch, name, words):
+def test_a_file_that_is_not_a_scene_is_refused_in_one_line(tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "text.toml").write_bytes(b"room = [")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
@@ -245,7 +245,7 @@ def test_each_place_of_the_source_is_a_take(edited):
         np.testing.assert_array_equal(take.noise_power, one.noise_power)
         np.testing.assert_array_equal(take.spectrum, one.spectrum)
     np.testing.assert_array_equal(measurement.of_take(0).pressures, alone[0].pressures)
-    assert not np.array_equal(measurement.of_take(1).pressures, alone[1].pressures), "its noise is drawn for itself"
+    assert not np.array_equal(measurement.of_take(1).pressures, alone[1].pressures), "each take has its own noise"
     quiet = measure(of_places(edited))
     np.testing.assert_array_equal(quiet.of_take(1).pressures, measure(of_places(edited).takes()[1]).pressures)
 

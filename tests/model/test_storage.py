@@ -80,7 +80,7 @@ def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(nam
 
 
 def bomb(path: Path, key: str, megabytes: int = 480) -> Path:
-    """Write an archive of a few MB of which one member unfolds to hundreds of megabytes of zeros."""
+    """Write an archive of a few MB of which one member decompresses to hundreds of megabytes of zeros."""
     header = io.BytesIO()
     shape = (megabytes * 2**20 // 16, 1)
     np.lib.format.write_array_header_1_0(header, {"descr": "<c16", "fortran_order": False, "shape": shape})
@@ -93,7 +93,7 @@ def bomb(path: Path, key: str, megabytes: int = 480) -> Path:
 
 
 @pytest.mark.parametrize(("key", "read"), [("pressures", load_measurement), ("recordings", formats.read)])
-def test_what_would_fill_the_memory_is_refused_before_it_is_unfolded(key, read, tmp_path):
+def test_what_would_fill_the_memory_is_refused_before_it_is_decompressed(key, read, tmp_path):
     path = bomb(tmp_path / "bomb.npz", key)
     assert path.stat().st_size < 10 * 2**20
     line = refusal(read, path)
@@ -125,7 +125,7 @@ def test_a_member_that_is_no_array_is_refused(key, read, tmp_path):
     assert f'"{key}"' in refusal(read, tmp_path / "odd.npz")
 
 
-def test_a_sound_whose_name_is_not_utf8_is_imported_under_such_a_name(tmp_path, monkeypatch, capsys):
+def test_a_sound_file_whose_name_is_not_utf8_is_imported_and_written_under_such_a_name(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     samples = np.pad(responses(8), ((0, 0), (0, 1600)))
     soundfile.write(tmp_path / "plain.wav", (samples / np.abs(samples).max()).T, int(FS), subtype="FLOAT")

@@ -51,7 +51,7 @@ def test_arrivals_are_right_to_a_fiftieth_of_a_sample():
     assert 0.2e-3 < SPEED * sigma < 2e-3
 
 
-def test_an_inverted_and_weak_channel_arrives_when_it_does_and_one_without_direct_sound_does_not():
+def test_an_inverted_and_weak_channel_has_the_right_arrival_and_one_without_direct_sound_has_none():
     h = responses()
     h[3] *= -0.1
     times, _ = first_arrivals(h, RATE)
@@ -79,7 +79,7 @@ def test_an_import_of_impulse_responses_has_arrivals(imported):
     assert imported.problem().arrivals is imported.arrivals
 
 
-def test_takes_are_stacked_and_chosen(imported):
+def test_arrivals_of_takes_are_stacked_and_selected(imported):
     others = [replace(imported, pressures=np.roll(imported.pressures, n, axis=1)) for n in (1, 2)]
     plain, other = (replace(one, arrivals=None, arrival_sigma=None) for one in others)
     three = Measurement.from_takes([imported, plain, others[1]])
@@ -90,7 +90,7 @@ def test_takes_are_stacked_and_chosen(imported):
     assert Measurement.from_takes([plain, other]).arrivals is None
 
 
-def test_a_file_keeps_them_and_leaves_out_microphones(imported, tmp_path):
+def test_a_file_keeps_arrivals_also_without_some_microphones(imported, tmp_path):
     times = np.array(imported.arrivals)
     times[0, 2] = np.nan
     save_measurement(replace(imported, arrivals=times), tmp_path / "one.npz")

@@ -201,7 +201,7 @@ def test_sofa_of_one_receiver_that_is_moved_and_of_two_sources(tmp_path):
 
 
 def in_sofa(change):
-    """Function of a path that writes a file in order and changes it."""
+    """Function of a path that writes a valid file and then changes it."""
 
     def write(path: Path) -> None:
         import netCDF4
@@ -222,7 +222,7 @@ def refusal(path: Path) -> str:
 
 
 def in_hdf5(change):
-    """Function of a path that writes a file in order and changes it."""
+    """Function of a path that writes a valid file and then changes it."""
 
     def write(path: Path) -> None:
         with h5py.File(write_hdf5(path), "a") as file:
@@ -232,7 +232,7 @@ def in_hdf5(change):
 
 
 def in_mesh(name: str, change):
-    """Function of a path that writes a folder in order and changes one of its files."""
+    """Function of a path that writes a valid folder and then changes one of its files."""
     return lambda path: change(write_meshrir(path) / name)
 
 
@@ -380,7 +380,7 @@ LENGTHS = {
 
 
 @pytest.mark.parametrize("name", LENGTHS)
-def test_a_length_that_its_program_did_not_know_is_that_of_the_file(name, tmp_path, caplog):
+def test_a_wrong_length_in_the_header_is_replaced_by_that_of_the_file(name, tmp_path, caplog):
     LENGTHS[name](tmp_path / name)
     recording = formats.read(tmp_path / name)
     assert np.allclose(read_samples(recording, 0, T), SAMPLES, atol=1e-6) and recording.samples == T
@@ -391,7 +391,7 @@ def test_a_length_that_its_program_did_not_know_is_that_of_the_file(name, tmp_pa
         assert "is truncated" in refusal(tmp_path / name)
 
 
-def test_transfer_functions_are_read_as_the_responses_that_they_are_of(tmp_path):
+def test_transfer_functions_are_read_as_impulse_responses(tmp_path):
     sofa, spectrum = sofar.Sofa("GeneralTF"), np.fft.rfft(SAMPLES)
     sofa.ReceiverPosition, sofa.ReceiverPosition_Type, sofa.ReceiverPosition_Units = PLACES, "cartesian", "metre"
     for first in (0, 2):
@@ -478,7 +478,7 @@ def clipped(samples, subtype: str, path: Path) -> list[int]:
     return np.flatnonzero(inspect_channels(formats.read(path)).clipped).tolist()
 
 
-def test_peaks_cut_off_are_found_however_short(tmp_path):
+def test_clipped_peaks_are_found_even_if_they_are_short(tmp_path):
     rng = np.random.default_rng(0)
     # White noise hardly ever exceeds the limit in two neighbouring samples.
     noise = 0.1 * rng.standard_normal((4, 20_000))
@@ -490,7 +490,7 @@ def test_peaks_cut_off_are_found_however_short(tmp_path):
     assert clipped(0.37 * loud, "FLOAT", tmp_path / "c.wav") == [1], "before it was made quieter"
 
 
-def test_sound_that_only_comes_near_is_not_called_clipped(tmp_path):
+def test_sound_near_full_scale_is_not_called_clipped(tmp_path):
     rng = np.random.default_rng(0)
     noise = rng.standard_normal((16, 200_000))
     for size, subtype in ((0.9, "PCM_16"), (30 / 32768, "PCM_16"), (5 / 32768, "PCM_16"), (1.0, "PCM_24")):
@@ -567,7 +567,7 @@ def test_every_convention_is_read(convention, moved, tmp_path, capfd):
     recording = formats.read(path)
     assert np.allclose(recording.positions, PLACES)
     assert np.allclose(read_samples(recording, 0, T), SAMPLES)
-    assert capfd.readouterr() == ("", ""), "the library has nothing to tell"
+    assert capfd.readouterr() == ("", ""), "the library prints nothing"
 
 
 @pytest.mark.parametrize("convention", EMITTERS)
@@ -584,7 +584,7 @@ def test_the_emitter_asked_for_is_read_and_each_is_a_take_when_all_are(conventio
     assert len(read_takes([written(tmp_path / "b.sofa", "GeneralFIR")], ImportOptions(source="all"))) == 1
 
 
-def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
+def test_a_delay_is_applied_and_one_of_a_fraction_of_a_sample_is_refused(tmp_path):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))
     assert recording.samples == T + 7

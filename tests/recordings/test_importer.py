@@ -146,7 +146,7 @@ def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(
     for taken in (plain, known):
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
     assert len(plain.frequencies) > 57, "a long sweep ends only just before the recording does"
-    assert plain.spacing.step > 0.5, "rows of the room, not of the sweep"
+    assert plain.spacing.step > 0.5, "the spacing is that of the room, not of the sweep"
     assert len(known.frequencies) >= 38, "their distance is the width of a resonance"
     error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
     assert error[1] < error[0] - 6, "the reference compresses the sweep, and what follows is left out"
@@ -297,7 +297,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
     _, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED, known=str(known)))
     assert limit / 2 < report.highest_frequency < 2 * limit
     measurement, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
-    assert limit / 2 < report.highest_frequency < 1.5 * limit, "the coherence tells the radius roughly"
+    assert limit / 2 < report.highest_frequency < 1.5 * limit, "the coherence shows the radius roughly"
     assert measurement.frequencies[-1] <= report.highest_frequency
     assert "the coherence of the channels; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
 
@@ -324,7 +324,7 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     refuses(r"channel 5 is silent, and 18 more; record again$", import_recording, tmp_path / "all.npz")
 
 
-def test_channels_of_different_recordings_are_called_that_and_not_a_band_that_nobody_gave(tmp_path):
+def test_channels_of_different_recordings_are_named_as_such_and_no_band_is_blamed(tmp_path):
     # A common signal with independent noise in each channel has the coherence of a very large array.
     rng = np.random.default_rng(5)
     own, common = rng.standard_normal((8, 10 * FS)), rng.standard_normal(10 * FS)
@@ -359,7 +359,7 @@ def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
 
 
 @pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])
-def test_too_few_microphones_are_said_at_the_import(tmp_path, count, warned):
+def test_too_few_microphones_are_reported_at_the_import(tmp_path, count, warned):
     np.savez(tmp_path / "few.npz", recordings=noisy(responses(), 40)[:count], sample_rate=FS, kind="impulse")
     measurement, report = import_recording(tmp_path / "few.npz", ImportOptions(sound_speed=SPEED, array_radius=0.5))
     last = import_summary(measurement, report).splitlines()[-1]
@@ -441,7 +441,7 @@ def test_the_noise_is_that_in_the_response_whatever_the_lengths(recorded_s, play
     assert np.mean(density(f) * np.abs(S) ** 2) == pytest.approx(power, rel=0.1)
 
 
-def test_a_recording_hardly_longer_than_the_response_does_not_tell_the_noise():
+def test_a_recording_hardly_longer_than_the_response_does_not_show_the_noise():
     rng = np.random.default_rng(0)
     samples, played = rng.standard_normal((3, int(2.8 * RATE))), rng.standard_normal((1, RATE))
     made, density = deconvolve(recording_of("a", None, RATE, samples), recording_of("b", None, RATE, played), SWEPT)

@@ -246,7 +246,7 @@ ROWS = "the list is taken in row order"
     ("{}", ""), ("mic{:02d}", f"the names differ: {ROWS}, mic00 = channel 0"),
     ("1+{}", f"only 15 of 16 names of the list are names of channels: {ROWS}, 1 = channel 0"),
 ])  # fmt: skip
-def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_rows(tmp_path, capsys, label, said):
+def test_a_list_whose_names_are_not_those_of_the_channels_is_matched_by_rows_with_a_note(tmp_path, capsys, label, said):
     names = [str(n + 1) if label == "1+{}" else label.format(n) for n in range(16)]
     positions = write_places(tmp_path / "list.csv", fdcal.load("tiny").positions, names)
     ended = exit_code("calibrate", "tiny", "--check", "--positions", positions)
@@ -254,14 +254,14 @@ def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_ro
     assert lines == ([f"list    {said}"] if said else []) and ended == 0
 
 
-def test_a_list_of_some_microphones_is_for_known(tmp_path, capsys):
+def test_a_list_of_some_microphones_must_be_given_as_known(tmp_path, capsys):
     some = write_places(tmp_path / "some.csv", fdcal.load("tiny").positions[:4], ["0", "1", "2", "3"])
     assert exit_code("calibrate", "tiny", "--check", "--positions", some) == 2
     error = capsys.readouterr().err
     assert "4 positions are given for 16 microphones;" in error and "give the list as --known" in error
 
 
-def test_positions_of_an_unknown_kind_of_file_are_said_to_be_so(tmp_path, capsys):
+def test_a_list_of_positions_in_an_unknown_format_is_refused(tmp_path, capsys):
     (tmp_path / "places.psv").write_text("name|x|y\n0|1|2\n")
     soundfile.write(tmp_path / "one.wav", np.random.default_rng(0).normal(size=(8000, 4)) / 10, 8000)
     assert exit_code("calibrate", tmp_path / "one.wav", "--known", tmp_path / "places.psv") == 2
@@ -274,7 +274,7 @@ def test_a_list_without_check_points_to_it(exchanged, capsys):
 
 
 @pytest.mark.parametrize("known", ["all", "none"])
-def test_every_way_out_gives_the_same_positions_to_the_last_digit(tmp_path, known):
+def test_every_output_gives_the_same_positions_to_the_last_digit(tmp_path, known):
     """A reader who combines two of them must not get parts in different frames."""
     found = fdcal.calibrate(fdcal.load("tiny"), modes=12, known=known)
     positions = found.positions

@@ -70,7 +70,7 @@ def test_the_fault_of_a_channel_is_named_whatever_the_channel(sound, channel):
         assert found.faults(NAMES) == {} and found.unknown(NAMES) == [str(channel)]
 
 
-def test_channels_of_one_clock_have_no_fault_and_of_independent_noise_or_little_sound_nothing_is_known(sound):
+def test_channels_of_one_clock_have_no_fault_and_independent_noise_or_little_sound_is_unknown(sound):
     assert faults(sound) == {}
     found = delays_of(np.random.default_rng(3).standard_normal((N, T)))
     assert np.isnan(found.delays[:, 1:]).all() and found.faults(NAMES) == {} and found.unknown(NAMES) == list(NAMES)

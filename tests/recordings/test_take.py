@@ -30,7 +30,7 @@ class Card(types.ModuleType):
         self.seen = None
 
     def _initialize(self):
-        assert self.seen is None, "PortAudio looks again only after it was ended"
+        assert self.seen is None, "PortAudio looks for cards again only after it was terminated"
         self.seen = self.connected
 
     def query_devices(self, device, kind):

@@ -229,7 +229,7 @@ def test_a_take_whose_channels_are_rotated_is_named(tmp_path, silent):
         import_recording([one, other], ImportOptions(files="takes", leave_out="bad", **GIVEN))
 
 
-def test_a_circle_heard_from_another_side_is_not_taken_for_rotated_channels():
+def test_a_circle_recorded_from_another_side_is_not_taken_for_rotated_channels():
     angle, rng, samples = 2 * np.pi * np.arange(8) / 8, np.random.default_rng(0), 4 * FS
     circle = 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     f = np.fft.rfftfreq(samples, 1 / FS)

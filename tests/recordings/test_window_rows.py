@@ -66,13 +66,13 @@ def test_of_an_impulse_response_the_direct_sound_and_the_noise_are_left_out():
     ]
     + [(6, 4.0, rate, {}) for rate in (150, 210, 400)],
 )
-def test_there_are_none_of_a_plate_of_many_channels_or_of_a_short_or_low_recording(count, seconds, rate, options):
+def test_a_plate_many_channels_or_a_short_or_low_recording_have_no_windows(count, seconds, rate, options):
     recording = recording_of("x", "stationary", rate, noise(count, seconds)[:, : int(seconds * rate)])
     assert short_windows(recording, "stationary", ImportOptions(**options)) is None
 
 
 @pytest.mark.parametrize("text", ["high", "100", "3000:200", "100:9000", "0:500"])
-def test_a_band_that_is_none_is_refused_with_the_option(text):
+def test_an_invalid_band_is_refused_with_the_option(text):
     assert refuses("", lambda: windows_of(noise(seconds=0.5), windows=text)).key == "windows"
 
 
@@ -87,7 +87,7 @@ def measured() -> Measurement:
     return measurement(2, windows_of(noise(seconds=0.3)))
 
 
-def test_a_file_keeps_them_and_leaves_out_those_of_a_microphone(measured):
+def test_a_file_keeps_windows_and_leaves_out_those_of_a_microphone(measured):
     file = io.BytesIO()
     save_measurement(measured, file)
     same, fewer = (load_measurement(io.BytesIO(file.getvalue()), excluded) for excluded in ((), ("2",)))
@@ -96,7 +96,7 @@ def test_a_file_keeps_them_and_leaves_out_those_of_a_microphone(measured):
     assert np.array_equal(fewer.windows.pressures, measured.windows.pressures[..., [0, 1, 3, 4, 5]])
 
 
-def test_takes_are_joined_and_parted_with_their_windows(measured):
+def test_takes_are_joined_and_separated_with_their_windows(measured):
     other = measurement(3, windows_of(noise(seconds=0.2, seed=3)))
     both = Measurement.from_takes([measured, measurement(4, None), other])
     assert set(both.windows.takes.tolist()) == {0, 2}
@@ -115,11 +115,11 @@ def test_windows_of_impossible_values_are_refused(name, value):
     refuses("", ShortWindows, **possible | {name: value}, length=WINDOW)
 
 
-def test_a_measurement_refuses_those_of_another_count(measured):
+def test_a_measurement_refuses_windows_of_another_number_of_microphones(measured):
     refuses("microphones", lambda: replace(measured, windows=measured.windows.of_microphones(np.arange(4))))
 
 
-def test_many_channels_have_windows_unless_they_are_sought_in_space_and_at_fewer_frequencies():
+def test_many_channels_have_windows_at_fewer_frequencies_unless_they_are_sought_in_space():
     samples = noise(64, 2.0)
     recording = recording_of("x", "stationary", RATE, samples)
     few = windows_of(samples[:8])

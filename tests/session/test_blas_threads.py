@@ -23,7 +23,7 @@ def two_threads():
         yield
 
 
-def test_the_last_of_several_computations_takes_it_back_also_after_an_error(two_threads):
+def test_the_last_of_several_computations_restores_the_threads_also_after_an_error(two_threads):
     with pytest.raises(ZeroDivisionError), one_blas_thread():
         raise ZeroDivisionError
     assert set(threads()) == {2}
@@ -35,7 +35,7 @@ def test_the_last_of_several_computations_takes_it_back_also_after_an_error(two_
     assert set(threads()) == {2} and own is None
 
 
-def test_a_calibration_has_one_thread_and_takes_it_back_and_so_does_a_command(two_threads):
+def test_a_calibration_or_a_command_has_one_thread_and_restores_the_others(two_threads):
     seen, measurement = [], fdcal.simulate("tiny")
     fdcal.calibrate(measurement, modes=8, progress=lambda done, note: seen.extend(threads()))
     assert set(seen) == {1}

@@ -20,7 +20,7 @@ from fdcal.session.sources import OpenRequest
 
 
 @pytest.mark.parametrize(("solver", "distance"), [("joint", 300.0), ("robust", None)])
-def test_a_distance_or_given_positions_that_no_air_explains_are_doubted(solver, distance):
+def test_a_distance_or_given_positions_that_imply_an_impossible_sound_speed_are_doubted(solver, distance):
     measurement, options = fdcal.load("tiny"), {"solver": solver, "modes": 14}
     x = measurement.positions
     if distance is None:
@@ -47,7 +47,7 @@ def measurement():
     return fdcal.load(NAME)
 
 
-def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
+def test_the_measurement_of_frl_array_is_the_import_of_the_example_recordings(measurement):
     """If the import has changed, write scenes/frl_array.npz again as scenes/LICENSE.md describes."""
     folder = ROOT / "examples" / NAME
     made = fdcal.load(sorted(folder.glob("*.flac")), positions=folder / "nominal.csv", temperature=20.0)
@@ -56,7 +56,7 @@ def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
         np.testing.assert_allclose(getattr(measurement, key), getattr(made, key), rtol=1e-6, err_msg=key)
 
 
-def test_nothing_simulates_it():
+def test_a_scene_that_is_a_measurement_is_not_simulated():
     refuses(r'fdcal.load\("frl_array"\)', fdcal.simulate, NAME)
     layout = read_layout(NAME)
     assert layout.scene is None and len(layout.positions) == 7, "a plan takes its array, not its room"

@@ -63,11 +63,11 @@ def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
     """It is found anywhere, here 3 m away, which does not contradict the list; an inverted channel is named as well."""
     solve = doctor.solve
 
-    def astray(*arguments, **others):
+    def displaced(*arguments, **others):
         found = solve(*arguments, **others)
         return replace(found, positions=found.positions + 3.0 * (np.arange(16) == 5)[:, None])
 
-    monkeypatch.setattr(doctor, "solve", astray)
+    monkeypatch.setattr(doctor, "solve", displaced)
     pressures, rng = np.array(tiny.pressures), np.random.default_rng(3)
     pressures[:, 7] *= -1
     noise = rng.standard_normal((2, len(pressures)))
@@ -78,7 +78,7 @@ def test_a_dead_channel_is_not_called_misplaced(tiny, tmp_path, monkeypatch):
     assert found["list"][0] == "fine" and "fault" not in {state for state, _ in found.values()}
 
 
-def test_pressures_without_a_common_field_are_none(tmp_path):
+def test_pressures_without_a_common_field_are_a_fault(tmp_path):
     rng, shape = np.random.default_rng(2), (16, 8)
     noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
     save_measurement(fdcal.Measurement(np.linspace(100, 400, 16), noise, 343.0), tmp_path / "noise.npz")
@@ -103,7 +103,7 @@ def test_one_channel_of_noise_is_named_and_the_clocks_are_not_fine(tmp_path):
     assert (clocks.state, clocks.value) == ("unknown", None) and "no channels are coherent" in clocks.text
 
 
-def test_the_figure_is_of_the_take_with_the_fault(tmp_path):
+def test_the_value_is_that_of_the_take_with_the_fault(tmp_path):
     rng = np.random.default_rng(7)
     healthy = rng.standard_normal(10 * RATE) + 0.1 * rng.standard_normal((5, 10 * RATE))
     faulty = healthy.copy()

@@ -52,12 +52,12 @@ def test_a_lesson_is_read_as_written(written):
     assert second == lessons.LessonStep("Again.")
 
 
-def test_a_step_stands_on_the_last_scene_named(written, edited):
+def test_a_step_changes_the_last_scene_named(written, edited):
     lesson = load_lesson(written('text = "Again."', 'text = "Again."\n[steps.page]\nchanges = { "seed" = 4 }'))
     scene, seed = lesson.start(0)
     assert (scene.name, scene.solver.name, seed) == ("tiny", "descent", 0)
     scene, seed = lesson.start(1)
-    assert (scene.solver.name, seed) == ("robust", 4), "the changes are of the scene, not of what was changed before"
+    assert (scene.solver.name, seed) == ("robust", 4), "the changes apply to the scene as it is in its file"
     edited({"title": '"Other"'}, "beside")
     beside = load_lesson(written('scene = "tiny"', 'scene = "beside.toml"'))
     assert beside.start(0)[0].title == "Other", "a scene beside the lesson is found"
@@ -120,7 +120,7 @@ def test_a_step_sets_what_an_address_names(text, setting):
     for frame in (text, f"#{text}"):
         assert replace(LessonSetting(frame=frame).unfolded(), frame=None) == setting
     own = LessonSetting(frame=text, microphone=3).unfolded()
-    assert own.microphone == 3, "what the table gives by itself counts more"
+    assert own.microphone == 3, "a key of the table overrides the frame"
 
 
 def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, refused):

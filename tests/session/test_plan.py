@@ -99,7 +99,7 @@ def test_a_plan_says_what_is_undetermined_and_its_bound_falls_with_the_root_of_t
     np.testing.assert_allclose(several.expected, blind.expected)
 
 
-def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
+def test_an_array_outside_the_room_is_reported_as_moved(tmp_path):
     places = np.random.default_rng(0).uniform([1.7, 0.5, 0.5], [2.2, 1.0, 1.0], (10, 3))
     layout = planning.read_layout(str(write_places(tmp_path / "a.csv", places)))
     for size, moved in (((2.0, 2.0, 2.7), True), ((3.0, 2.0, 2.7), False)):
@@ -138,7 +138,7 @@ def test_frequencies_that_are_far_apart_are_independent_and_close_ones_are_not()
     assert all(plan.forecast.rms > plan.bound.rms for plan in (few, many))
     plans = [planning.make_plan(request_of(*LARGE, reverberation_time=time)) for time in (0.2, 0.5, 30.0)]
     closer = [plan.forecast.rms / plan.bound.rms for plan in plans]
-    assert closer[0] == pytest.approx(closer[1], rel=0.1), "as many independent ones for each hertz of decorrelation"
+    assert closer[0] == pytest.approx(closer[1], rel=0.1), "equally many independent frequencies"
     assert closer[2] < 1.2, "an import takes a part of them, which are far apart"
 
 
@@ -187,7 +187,7 @@ def test_arrival_times_lower_the_error_and_the_more_the_more_takes_there_are():
         assert words in "\n".join(planning.plan_lines(plan))
 
 
-def test_arrival_times_say_what_the_solver_takes_them_to_say():
+def test_arrival_times_have_the_same_information_in_the_plan_and_in_the_solver():
     """With a very weak signal the forecast follows from arrival times only, by the solver's Gauss-Newton matrix."""
     request = request_of("ball 16 0.4", room=(9.0, 8.0, 5.0), kind="impulse", takes=1)
     places, x = planning.positions_in_room(request), request.layout.positions

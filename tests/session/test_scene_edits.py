@@ -48,7 +48,7 @@ def test_the_index_of_a_session_is_clipped_to_its_states():
 def test_a_smaller_array_stands_in_a_smaller_domain(name):
     scene = load_scene(name)
     parameters = parameters_of(scene)
-    assert with_parameters(scene, parameters) is scene, "left alone they change nothing"
+    assert with_parameters(scene, parameters) is scene, "unchanged parameters change nothing"
     smaller = with_parameters(scene, dataclasses.replace(parameters, radius=0.8 * parameters.radius))
     size = [np.ptp(positions_of(one), axis=0).max() for one in (scene, smaller)]
     assert size[1] == pytest.approx(0.8 * size[0], abs=2 * (scene.room.cell or 0) + 1e-9)
@@ -62,7 +62,7 @@ def test_a_smaller_array_stands_in_a_smaller_domain(name):
 @pytest.mark.parametrize(
     ("name", "count"), [("array1_circle", 40), ("array2_random", 50), ("tiny", 20), ("ball3d", 30)]
 )
-def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name, count):
+def test_a_scene_gets_the_requested_number_of_microphones_and_known_ones_that_fix_the_gauge(name, count):
     scene = load_scene(name)
     changed = with_parameters(scene, dataclasses.replace(parameters_of(scene), microphones=count, known=5))
     positions, known = positions_of(changed), changed.gauge.indices(count)
@@ -102,6 +102,6 @@ def test_absorption_is_what_the_walls_do_not_reflect():
     [{"known": 2}, {"known": 16}, {"radius": 3.0}, {"radius": 0.0}, {"walls": "soft"}]
     + [{"walls": "absorbing", "absorption": 0.0}, {"sound_speed_error": 0.9}, {"seed": -1}],
 )
-def test_what_cannot_be_is_refused(change):
+def test_impossible_parameters_are_refused(change):
     scene = load_scene("tiny")
     refuses("", lambda: with_parameters(scene, dataclasses.replace(parameters_of(scene), **change)))

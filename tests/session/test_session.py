@@ -98,7 +98,7 @@ def test_pause_stops_within_the_step_under_way(make):
     assert not solver.began.acquire(blocking=False)
 
 
-def test_play_ends_where_the_solver_finishes_and_each_view_of_it_agrees_with_itself(make):
+def test_play_ends_where_the_solver_finishes_and_each_view_is_consistent(make):
     session, seen = make(Counter()), []
     session.play()
     assert session.wait_for(lambda view: seen.append(view) or (view.state.finished and not view.running), WAIT)
@@ -113,7 +113,7 @@ def test_play_ends_where_the_solver_finishes_and_each_view_of_it_agrees_with_its
     assert session.wait_for(lambda view: view.index == 12 and not view.running and view.count == 13, WAIT)
 
 
-def test_a_run_stops_where_the_sweep_or_the_stage_has_risen_as_often_as_asked_for(make):
+def test_a_run_stops_after_the_requested_number_of_sweeps_or_stages(make):
     for commands in (((1, "step", 1), (1, "sweep", 3), (1, "stage", 6)), ((2, "sweep", 6), (9, "stage", 12))):
         session = make(Counter())
         for times, unit, end in commands:
@@ -383,7 +383,7 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make, monkey
         moves += 1
         session.place(1, (0.001 * moves, 0.5), gesture="drag")
         assert session.wait_for(lambda view, x=0.001 * moves: view.state.positions[1][0] == x, WAIT)
-        assert not math.isnan(session.view.cost), "that of a place just before"
+        assert not math.isnan(session.view.cost), "the cost of a place just before"
     assert moves > 2 * reference_cost.used and 0.01 < session.view.costs.duration < WAIT
     while session.view.costs.missing(session.view.history):
         assert time.monotonic() < end + WAIT

@@ -103,7 +103,7 @@ def test_a_session_is_a_zip_of_two_files_of_which_one_is_a_measurement(folder, j
 
 
 @pytest.mark.parametrize("content", [b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"\xff"])
-def test_no_session_file_is_refused_in_one_line(tmp_path, content):
+def test_a_file_that_is_not_a_session_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "broken.zip").write_bytes(content)
     with zipfile.ZipFile(tmp_path / "inside.zip", "w") as archive:
         archive.writestr("session.json", content)

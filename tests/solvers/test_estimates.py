@@ -52,7 +52,7 @@ def test_a_gain_that_all_channels_share_goes_to_the_field_and_changes_no_likelih
     assert likelihood(problem, centred) == pytest.approx(likelihood(problem, louder), rel=1e-10)
 
 
-def test_the_covariance_does_not_rest_on_a_field_as_isotropic_as_assumed(ended, monkeypatch):
+def test_the_covariance_assumes_a_less_isotropic_field_than_the_cost(ended, monkeypatch):
     problem, state = ended
     weaker = result(problem, state).spread.newton
     monkeypatch.setattr(objective, "FIELD_POWER_FACTOR", 1.0)
@@ -70,10 +70,10 @@ def test_of_two_optima_of_one_cost_the_less_determined_one_has_more_evidence(end
     assert rise == pytest.approx(len(trial.matrix) / 2 * np.log(4), rel=1e-9)
     looser = replace(goal, priors=replace(goal.priors, known_sigma=np.e * goal.priors.known_sigma))
     rise = noise.score(problem, state, looser, trial) - noise.score(problem, state, goal, trial)
-    assert rise == pytest.approx(2 * len(KNOWN), rel=1e-9), "so has a prior that expects less"
+    assert rise == pytest.approx(2 * len(KNOWN), rel=1e-9), "a wider prior lowers the evidence, too"
 
 
-def test_a_position_that_the_pressures_contradict_holds_nothing(ended):
+def test_a_position_that_the_pressures_contradict_constrains_nothing(ended):
     problem, state = ended
     wrong = np.arange(len(KNOWN)) == 2
     places = problem.known_positions + np.outer(wrong, [0.3, -0.2])

@@ -39,7 +39,7 @@ def test_right_positions_are_all_held_and_put_the_array_in_their_frame():
 
 
 @pytest.mark.parametrize(("count", "away"), [(6, [0.04, -0.03]), (8, [-0.3, 0.1]), (20, [-0.3, 0.1])])
-def test_a_wrong_position_holds_nothing(count, away):
+def test_a_wrong_position_constrains_nothing(count, away):
     x, known = array(40), np.arange(0, 2 * count, 2)
     places = x[known]
     places[5] += away
@@ -49,7 +49,7 @@ def test_a_wrong_position_holds_nothing(count, away):
 
 
 @pytest.mark.parametrize("count", [3, 12])
-def test_exchanged_positions_are_put_right(count):
+def test_exchanged_positions_are_corrected(count):
     x, known = array(), np.arange(0, 2 * count, 2)
     order = np.arange(count)
     order[[0, 2]] = 2, 0
@@ -86,7 +86,7 @@ def test_the_frame_changes_no_evidence():
 
 
 @pytest.fixture(scope="module")
-def sound():
+def healthy():
     return measured(array(), KNOWN, snr_db=40.0, modes=MODES)
 
 
@@ -95,32 +95,32 @@ def given(measurement, change):
     return replace(measurement, known_positions=measurement.positions[measurement.known] + change)
 
 
-def test_the_array_is_that_without_the_wrong_position(sound):
+def test_the_array_is_that_without_the_wrong_position(healthy):
     wrong = np.zeros((6, 2))
     wrong[2] = 0.05, -0.02
-    end = solved(given(sound, wrong))
+    end = solved(given(healthy, wrong))
     right = np.delete(KNOWN, 2)
-    without = solved(replace(sound, known=right, known_positions=sound.positions[right])).assessment
+    without = solved(replace(healthy, known=right, known_positions=healthy.positions[right])).assessment
     assert end.assessment.verdict == "good" and end.faulty == [(KNOWN[2], "misplaced")]
     away = np.linalg.norm(end.assessment.positions - without.positions, axis=1)
     assert np.max(away / without.uncertainty) < 0.5
     assert end.state.model.contradicted.tolist() == [False, False, True, False, False, False]
 
 
-def test_how_probable_given_positions_are_does_not_depend_on_where_near_the_minimum_a_run_has_ended(sound):
-    end, away = solved(sound), 3e-4 * np.random.default_rng(0).normal(size=sound.positions.shape)
+def test_how_probable_given_positions_are_does_not_depend_on_where_near_the_minimum_a_run_has_ended(healthy):
+    end, away = solved(healthy), 3e-4 * np.random.default_rng(0).normal(size=healthy.positions.shape)
     away[KNOWN] = 0.0
     beside = load("robust").result(end.problem, replace(end.state, positions=end.state.positions + away))
     one, other = (estimate.given.probability(np.arange(len(KNOWN))) for estimate in (end.estimate, beside))
     assert other == pytest.approx(one, abs=0.02)
 
 
-def test_positions_that_are_all_inaccurate_bend_no_array(sound):
+def test_positions_that_are_all_inaccurate_do_not_deform_the_array(healthy):
     rng = np.random.default_rng(7)
     away = rng.normal(size=(6, 2))
     away *= 0.02 / np.linalg.norm(away, axis=1)[:, None]
-    end, accurate = solved(given(sound, away)), solved(sound)
-    found, truth = end.assessment, sound.positions
+    end, accurate = solved(given(healthy, away)), solved(healthy)
+    found, truth = end.assessment, healthy.positions
     assert rms_of_shape(found.positions, truth) < 1.5 * rms_of_shape(accurate.assessment.positions, truth) + 5e-4
     assert found.verdict == "good" and end.state.model.known_sigma > 5e-3
     assert "the given positions are inaccurate" in found.message
@@ -128,56 +128,56 @@ def test_positions_that_are_all_inaccurate_bend_no_array(sound):
     assert np.max(found.uncertainty) < 0.05
 
 
-def test_a_wrong_sound_speed_is_said_and_no_position_is_blamed(sound):
-    wrong = replace(sound, sound_speed=1.05 * sound.sound_speed, wavenumbers=sound.wavenumbers / 1.05)
+def test_a_wrong_sound_speed_is_reported_and_no_position_is_blamed(healthy):
+    wrong = replace(healthy, sound_speed=1.05 * healthy.sound_speed, wavenumbers=healthy.wavenumbers / 1.05)
     for solver in ("robust", "joint"):
         end = solved(wrong, solver)
         assert end.assessment.verdict == "known_position" and end.faulty == []
         assert "a given position or the sound speed is wrong" in end.assessment.message
 
 
-def test_a_wrong_position_and_a_wrong_sound_speed_that_explain_as_much_are_not_told_apart():
+def test_a_wrong_position_and_a_wrong_sound_speed_that_explain_as_much_are_not_distinguished():
     """Three positions determine few lengths, so that with noise either explanation is possible."""
     three = measured(array(), KNOWN[:3], snr_db=40.0, modes=MODES)
     found = solved(given(three, [[0, 0], [0.04, -0.02], [0, 0]]), "joint").assessment
     assert found.verdict != "good" and "sound speed is wrong" in found.message
 
 
-def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound):
+def test_the_distance_of_an_exact_position_from_its_microphone_is_reported(healthy):
     """The position never moves, so that the result does not show the distance."""
     wrong, away = np.zeros((6, 2)), 0.03
     wrong[2] = 0.8 * away, -0.6 * away
-    end = solved(given(sound, wrong), "joint")
+    end = solved(given(healthy, wrong), "joint")
     assert end.faulty == [(KNOWN[2], "misplaced")]
-    assert np.array_equal(end.state.positions[KNOWN], sound.positions[KNOWN] + wrong)
-    assert rms(end.state.positions, sound.positions, np.arange(COUNT) != KNOWN[2]) < 6e-3, "the array is not bent"
+    assert np.array_equal(end.state.positions[KNOWN], healthy.positions[KNOWN] + wrong)
+    assert rms(end.state.positions, healthy.positions, np.arange(COUNT) != KNOWN[2]) < 6e-3, "the array is not bent"
     channels = end.assessment.channels
     assert channels is not None
     (fault,), row = channels.faults, channels.given[2]
     assert row.wrong and fault.value == pytest.approx(row.difference) == pytest.approx(away, abs=5e-3)
-    assert np.linalg.norm(np.array(row.found) - sound.positions[KNOWN[2]]) < 5e-3
+    assert np.linalg.norm(np.array(row.found) - healthy.positions[KNOWN[2]]) < 5e-3
 
 
-def test_a_channel_at_an_exact_position_that_is_exchanged_is_put_back(sound):
-    pressures, partner = sound.pressures.copy(), 7
+def test_a_channel_at_an_exact_position_that_is_exchanged_is_put_back(healthy):
+    pressures, partner = healthy.pressures.copy(), 7
     pressures[:, [KNOWN[1], partner]] = pressures[:, [partner, KNOWN[1]]]
-    end = solved(replace(sound, pressures=pressures), "joint")
+    end = solved(replace(healthy, pressures=pressures), "joint")
     assert sorted(end.faulty) == sorted([(KNOWN[1], "swapped"), (partner, "swapped")])
-    assert rms(end.assessment.positions, sound.positions) < 3e-3
+    assert rms(end.assessment.positions, healthy.positions) < 3e-3
 
 
-def test_the_mirror_image_of_an_array_is_turned_back_and_has_the_opposite_advantage(sound):
+def test_the_mirror_image_of_an_array_is_turned_back_and_has_the_opposite_advantage(healthy):
     """Given positions count as before; only the mirror image differs, and the pressures fit both."""
-    problem, right = in_unit_power((end := solved(sound)).problem), end.state
-    places = right.positions * [-1.0, 1.0] + [2 * sound.known_positions[:, 0].mean(), 0.0]
+    problem, right = in_unit_power((end := solved(healthy)).problem), end.state
+    places = right.positions * [-1.0, 1.0] + [2 * healthy.known_positions[:, 0].mean(), 0.0]
     mirrored = replace(right, positions=frozen_array(places, float))
-    assert rms(places, sound.positions) > 0.1
-    assert rms(resolved(problem, mirrored).positions, sound.positions) < 0.01
+    assert rms(places, healthy.positions) > 0.1
+    assert rms(resolved(problem, mirrored).positions, healthy.positions) < 0.01
     one, other = (mirror_advantage(problem, s, free_array(problem, s, 0)) for s in (right, mirrored))
     assert one > 10 and other == pytest.approx(-one, rel=0.05)
 
 
-def test_given_positions_on_a_line_do_not_tell_an_array_from_its_mirror_image_and_the_verdict_says_so():
+def test_given_positions_on_a_line_do_not_exclude_the_mirror_image_and_the_verdict_says_so():
     """Their distance from the line matters only if it exceeds the accuracy of the array, which is worse at 20 dB."""
     x, along = array(), np.linspace(-0.06, 0.06, 4)[:, None] * [0.6, 0.8]
     verdicts = {}

@@ -29,14 +29,14 @@ SETTINGS = SolverSettings(name="joint", modes=40)
 RUNS: dict[bytes, list] = {}  # the runs of this process: some tests start from the same run
 
 
-def solve_anew(measurement, settings=SETTINGS):
+def solve_again(measurement, settings=SETTINGS):
     return list(solvers.run(measurement.problem(), settings, 0))
 
 
 def solve(measurement, settings=SETTINGS):
     key = pickle.dumps((measurement, settings))
     if key not in RUNS:
-        RUNS[key] = solve_anew(measurement, settings)
+        RUNS[key] = solve_again(measurement, settings)
     return RUNS[key]
 
 
@@ -145,7 +145,7 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
 
 def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
     monkeypatch.setattr(compiled, "_pool", lambda name: ThreadPoolExecutor(1))
-    alone = solve_anew(measured(TRUTH, KNOWN))
+    alone = solve_again(measured(TRUTH, KNOWN))
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
 

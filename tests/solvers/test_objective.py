@@ -116,7 +116,7 @@ def test_the_matrix_holds_priors_near_their_centre_as_their_second_derivatives()
         assert springs[i] == pytest.approx((costs[0] - 2 * costs[1] + costs[2]) / step**2, rel=2e-3)
 
 
-def test_exact_positions_are_no_prior_but_no_unknowns():
+def test_exact_positions_have_no_prior_and_are_not_among_the_unknowns():
     """A very stiff prior would make rounding errors larger than the rest of the cost."""
     here, goal = unknowns(), objective(known_sigma=0.0)
     alone = replace(goal, priors=goal.priors.without_given())
@@ -134,7 +134,7 @@ def test_exact_positions_are_no_prior_but_no_unknowns():
 DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, from the array to each source
 
 
-def heard(positions, dimension, sigma=5e-3, scatter=1e-3, takes=5, seed=0):
+def simulated_arrivals(positions, dimension, sigma=5e-3, scatter=1e-3, takes=5, seed=0):
     """Arrivals of sources at several distances, one of them an outlier and one missing, and the sources."""
     rng, (N, D) = np.random.default_rng(seed), positions.shape
     sources = rng.normal(size=(takes, dimension))
@@ -157,7 +157,7 @@ def array(count=12, axes=3, seed=1):
 def test_gradient_is_that_of_differences(axes, dimension, delayed):
     """This holds for coordinates, delays of the channels, if any, and the sound speed."""
     x = array(axes=axes)
-    arrivals = heard(x, dimension)
+    arrivals = simulated_arrivals(x, dimension)
     y, log_speed, h = x + 4e-3 * np.random.default_rng(2).normal(size=x.shape), 0.01, 1e-6
     delays = 1e-3 * np.random.default_rng(5).normal(size=len(x)) * delayed
     expected = np.zeros(x.size + delayed * len(x) + 1)
@@ -177,7 +177,7 @@ def test_gradient_is_that_of_differences(axes, dimension, delayed):
 @pytest.mark.parametrize("seed", [9, 1])  # only one seed puts the farthest source at the bound of its distance
 def test_the_matrix_is_the_slope_of_the_gradient_where_residuals_are_small(seed):
     x, h = array(), 1e-5
-    arrivals, steps = heard(x, 3, scatter=3e-4, seed=seed), h * np.eye(x.size).reshape(-1, *x.shape)
+    arrivals, steps = simulated_arrivals(x, 3, scatter=3e-4, seed=seed), h * np.eye(x.size).reshape(-1, *x.shape)
     ends = [[arrivals.terms(x + step).gradient.sum(axis=0) for step in sign * steps] for sign in (1, -1)]
     matrix = arrivals.terms(x).matrix[:-1]
     assert np.allclose(np.subtract(*ends) / (2 * h), matrix, atol=0.01 * matrix.max())
@@ -185,7 +185,7 @@ def test_the_matrix_is_the_slope_of_the_gradient_where_residuals_are_small(seed)
 
 def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
     x, rng = array(), np.random.default_rng(3)
-    arrivals, y = heard(x, 3), x + 4e-3 * rng.normal(size=x.shape)
+    arrivals, y = simulated_arrivals(x, 3), x + 4e-3 * rng.normal(size=x.shape)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([1, 1, -1])
     one, other = arrivals.terms(y), arrivals.terms(y @ turn.T + [3.0, -2.0, 1.0])
     assert other.cost == pytest.approx(one.cost, rel=1e-7)
@@ -195,7 +195,7 @@ def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
 
 def test_an_outlier_has_no_weight():
     x = array()
-    terms = heard(x, 3, sigma=1e-3).terms(x)
+    terms = simulated_arrivals(x, 3, sigma=1e-3).terms(x)
     assert terms.weight[1, 3] < 1e-3 * np.median(terms.weight)
     assert np.all(terms.weight[2, 5] == 0)
     assert np.abs(terms.residual[1, 3]) == pytest.approx(0.3, abs=5e-3)
@@ -203,7 +203,7 @@ def test_an_outlier_has_no_weight():
 
 def test_scatter_and_sigma_are_those_of_the_times():
     x = array(count=40)
-    arrivals = heard(x, 3, scatter=3e-3)
+    arrivals = simulated_arrivals(x, 3, scatter=3e-3)
     assert np.allclose(arrivals.scatter(x), np.hypot(1e-3, 3e-3), rtol=0.4)
     sigma, none = arrivals.sigma, np.zeros((x.size + 1,) * 2)
     for _ in range(20):
@@ -225,7 +225,7 @@ def test_a_take_with_too_few_arrivals_says_nothing():
 
 def test_times_that_channels_delay_cost_nothing_at_these_delays():
     x = array()
-    arrivals, delays = heard(x, 3, scatter=0.0), 0.02 * np.random.default_rng(3).normal(size=12)
+    arrivals, delays = simulated_arrivals(x, 3, scatter=0.0), 0.02 * np.random.default_rng(3).normal(size=12)
     late = replace(arrivals, paths=arrivals.paths + delays)
     assert late.terms(x, 0.0, False, delays).cost == pytest.approx(arrivals.terms(x, 0.0, False).cost, abs=1e-9)
     assert late.terms(x, 0.0, False).cost > 10

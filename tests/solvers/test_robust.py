@@ -38,7 +38,7 @@ def measured(change=lambda p, rng, f: p, given=None, known=KNOWN, snr=SNR, modes
     return Measurement(frequencies, p, 343.0, positions=x, known=known, known_positions=places, wavenumbers=k)
 
 
-def test_few_microphones_in_space_keep_the_noise_that_there_is():
+def test_the_noise_of_few_microphones_in_space_is_not_explained_as_field():
     scene = load_scene("ball3d")
     array, gauge = replace(scene.array, count=16, radius=0.3), replace(scene.gauge, known=(0, 4, 9, 13))
     sensing = replace(scene.measurement, snr_db=60.0)
@@ -148,7 +148,7 @@ def test_the_listening_lab_is_found_blind():
     assert inputs.measurement.blind
     result = solve(inputs)
     errors = inputs.measurement.errors(result.positions)
-    assert np.sqrt(np.mean(errors**2)) < 4e-3 and errors.max() < 10e-3, "free gains cost a tenth"
+    assert np.sqrt(np.mean(errors**2)) < 4e-3 and errors.max() < 10e-3, "free gains raise the error by a tenth"
     assert result.uncertainty is not None and np.all(errors < 3 * result.uncertainty)
     assert result.verdict == "good"
     assert "modelled between the microphones" in summary(inputs, result)

@@ -42,7 +42,7 @@ def test_the_affine_start_is_exact_for_an_affine_field(D):
 
 
 @pytest.mark.parametrize("D", [2, 3])
-def test_blind_it_is_an_affine_image_of_the_truth(D):
+def test_a_blind_affine_start_is_an_affine_image_of_the_truth(D):
     """The pressures of an affine field do not determine which image."""
     problem, truth = affine_problem(D, [])
     found = starts.affine(problem, 40)
@@ -82,7 +82,7 @@ def test_distances_of_near_pairs_follow_from_the_coherence(D, noise):
 
 
 @pytest.mark.parametrize("noise", [1e-3, 0.1])
-def test_an_array_of_three_wavelengths(noise):
+def test_the_coherence_gives_a_start_for_an_array_of_three_wavelengths(noise):
     rng = np.random.default_rng(5)
     x = rng.uniform(0, 3.2, (50, 2))
     p = waves(x, K, 40, rng, noise)
@@ -131,7 +131,7 @@ def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_miss
     start = x + np.random.default_rng(2).normal(0, 0.5, x.shape)
     gradually, at_once = (search.fitted(problem, state, start, n) for n in (5, len(K)))
     assert rms_of_shape(gradually.positions, x) < 5e-3 < 0.2 < rms_of_shape(at_once.positions, x)
-    assert gradually.cost < at_once.cost - search.WORSE, "the likelihood tells which of them is right"
+    assert gradually.cost < at_once.cost - search.WORSE, "the likelihood shows which of them is right"
 
 
 def test_before_the_first_step_given_positions_are_where_they_are_given():

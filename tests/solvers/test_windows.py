@@ -84,17 +84,17 @@ def room(x: np.ndarray, seconds: float, seed: int = 0) -> np.ndarray:
     """Return noise (N, T) from eighty directions, mainly horizontal, as in a room with absorbing floor and ceiling."""
     rng, samples = np.random.default_rng(seed), int(seconds * RATE)
     f = np.fft.rfftfreq(samples, 1 / RATE)
-    total, heard = np.zeros((len(x), len(f)), complex), f < 3000
+    total, used = np.zeros((len(x), len(f)), complex), f < 3000
     for _ in range(80):
         u = rng.standard_normal(3) * [1, 1, 0.5]
-        wave = (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))[heard]
-        total[:, heard] += wave * np.exp(2j * np.pi * f[heard] * (x @ u / np.linalg.norm(u))[:, None] / SOUND)
+        wave = (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))[used]
+        total[:, used] += wave * np.exp(2j * np.pi * f[used] * (x @ u / np.linalg.norm(u))[:, None] / SOUND)
     y = np.fft.irfft(total, samples)
     return y / y.std() + 0.01 * rng.standard_normal(y.shape)
 
 
 @pytest.fixture(scope="module")
-def heard():
+def small_array():
     """A measurement of eight microphones within 0.15 m in such a room, and their positions (8, 3), metres."""
     x = (rng := np.random.default_rng(7)).standard_normal((8, 3))
     x *= 0.15 * rng.random((8, 1)) ** (1 / 3) / np.linalg.norm(x, axis=1, keepdims=True)
@@ -102,15 +102,15 @@ def heard():
     return measurement_of_takes([recording], ImportOptions(kind="stationary"))[0], x
 
 
-def test_short_windows_find_what_few_long_rows_of_a_room_leave_open(heard):
-    measurement, x = heard
+def test_short_windows_determine_an_array_that_few_long_rows_of_a_room_leave_uncertain(small_array):
+    measurement, x = small_array
     beside = fdcal.calibrate(measurement)
     error, claimed = rms_of_shape(beside.positions, x), float(np.sqrt(np.mean(beside.uncertainty**2)))
     assert error < min(0.006, 2.5 * claimed) and beside.converged, "without windows the error is larger"
 
 
-def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses_slowly(heard):
-    measurement, x = heard
+def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses_slowly(small_array):
+    measurement, x = small_array
     problem, every = measurement.problem(), np.ones(8, bool)
     assert usable(problem, 7 * x, every) and not usable(problem, 9 * x, every)  # 1.8 and 2.3 m
     without, plate = replace(problem, windows=None), replace(problem, dimension=2)
@@ -118,9 +118,9 @@ def test_windows_do_not_count_for_few_microphones_or_an_array_that_sound_crosses
 
 
 @pytest.fixture(scope="module")
-def fewer(heard):
-    """The problem of `heard`, with an eighth of the windows."""
-    return replace(in_unit_power(heard[0].problem()), windows=every_eighth(heard[0].windows))
+def fewer(small_array):
+    """The problem of `small_array`, with an eighth of the windows."""
+    return replace(in_unit_power(small_array[0].problem()), windows=every_eighth(small_array[0].windows))
 
 
 def every_eighth(windows: ShortWindows) -> ShortWindows:
@@ -134,18 +134,18 @@ def at_the_end(problem, x, **changes):
     return with_windows(problem, replace(state, model=model, progress=progress))
 
 
-def test_given_positions_do_not_raise_the_weight_of_the_rows(fewer, heard):
-    """Four right positions of 32 microphones in a living room were accused in 3 of 6 calibrations."""
-    given = replace(fewer, known=np.arange(4), known_positions=heard[1][:4], frame=None)
-    alone, beside = (at_the_end(problem, heard[1]).model.tempering for problem in (fewer, given))
+def test_given_positions_do_not_raise_the_weight_of_the_rows(fewer, small_array):
+    """Four right positions of 32 microphones in a living room were once called wrong in 3 of 6 calibrations."""
+    given = replace(fewer, known=np.arange(4), known_positions=small_array[1][:4], frame=None)
+    alone, beside = (at_the_end(problem, small_array[1]).model.tempering for problem in (fewer, given))
     assert alone > 1.2 and beside == pytest.approx(alone, rel=0.1)
 
 
-def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(fewer, heard):
+def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(fewer, small_array):
     every = np.tile([0.05, 0.0], (8, 1))  # metres, more than a window's
 
     def at_delays(delay_sigma: float, filters: np.ndarray):
-        return at_the_end(fewer, heard[1], filters=filters, delay_sigma=delay_sigma)
+        return at_the_end(fewer, small_array[1], filters=filters, delay_sigma=delay_sigma)
 
     shared = at_delays(0.01, every).model
     assert shared.window_positions is not None and shared.delay_sigma < 1e-3, "no channel is late, which the rows show"
@@ -155,7 +155,7 @@ def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_ch
     assert np.array_equal(np.flatnonzero(~counted.any(axis=1)), [3])
 
 
-def test_arrivals_of_six_takes_are_not_outvoted():
+def test_arrivals_of_six_takes_are_not_outweighed():
     """If times determine the array, it ends within three of their sigmas from their optimum; 13 unknowns are free."""
     rng = np.random.default_rng(0)
     x = np.pad(0.15 * np.sqrt(rng.random((8, 1))) * rng.standard_normal((8, 2)), ((0, 0), (0, 1)))
@@ -252,8 +252,8 @@ def test_heights_that_their_covariance_explains_are_evidence_of_a_flat_array():
     assert within > 50 and beyond < -50
 
 
-def test_many_microphones_in_space_use_windows_only_if_they_are_flat(heard):
-    problem, every = heard[0].problem(), np.ones(40, bool)
+def test_many_microphones_in_space_use_windows_only_if_they_are_flat(small_array):
+    problem, every = small_array[0].problem(), np.ones(40, bool)
     x = np.random.default_rng(6).uniform(-0.1, 0.1, (40, 3))
     assert usable(problem, x, every, True) and usable(problem, x[:, :2], every) and not usable(problem, x, every)
 

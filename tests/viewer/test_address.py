@@ -55,7 +55,7 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     for modes, kept in (((1, 3), True), (range(1, page.viewer.binding.modes + 1, 2), False)):
         tabs.map.choose_modes(modes)
         written = parse_address(address_of(page.viewer))
-        assert "scene" in written and written.get("modes") == ("1,3" if kept else None), "those that it has room for"
+        assert "scene" in written and written.get("modes") == ("1,3" if kept else None), "without a long list"
 
 
 def test_a_link_to_another_scene_opens_it_and_then_sets_method_step_and_map(tiny_page):
@@ -80,7 +80,7 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     page.lessons._lessons[lesson.title] = lesson
     command(page, "open=lesson=1_many_minima&part=2")
     turn_until(lambda: page.viewer.binding.choices.kind == "shape")
-    assert page.viewer.binding.choices.microphone == 9, "which the first step sets"
+    assert page.viewer.binding.choices.microphone == 9, "the first step sets it"
     turn_until(lambda: address_bar(page) == "lesson=1_many_minima&part=2")
     client = Client()
     page.nodes.cameras.requests.clear()
@@ -88,7 +88,7 @@ def test_a_link_to_the_step_of_a_lesson_shows_what_the_steps_before_it_have_set(
     page.nodes.cameras.process_requests = lambda clients: None
     command(page, f"open=lesson=1_many_minima&part=3&view={CAMERA}", client)
     turn_until(lambda: page.switcher.idle and page.nodes.cameras.requests)
-    assert page.nodes.cameras.requests[-1] == (client, camera_of(parse_address(f"view={CAMERA}"))), "after the lesson's"
+    assert page.nodes.cameras.requests[-1] == (client, camera_of(parse_address(f"view={CAMERA}"))), "it comes last"
     for name in ("1", "1_m"):  # its number, then the beginning of its name
         page.lessons.leave()
         command(page, f"open=lesson={name}", client)
@@ -105,7 +105,7 @@ NOT_THERE = (
 )  # fmt: skip
 
 
-def test_what_no_address_has_is_refused_in_one_line_and_what_is_no_command_does_nothing(tiny_page):
+def test_an_impossible_address_is_refused_in_one_line_and_an_unknown_command_does_nothing(tiny_page):
     page, turn_until = tiny_page
     before = page.viewer.binding.choices
     for part in NOT_THERE:

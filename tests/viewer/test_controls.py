@@ -96,7 +96,7 @@ def test_a_run_that_is_watched_begins_slowly_and_speeds_up_unless_a_speed_is_cho
     pace(31.0, running=False)
     session.step_time = 0.02
     panel.run_bar.refresh()
-    assert [pace(now) for now in (40.0, 41.2)] == pytest.approx([25, 50]), "the next begins slowly, unless steps are"
+    assert [pace(now) for now in (40.0, 41.2)] == pytest.approx([25, 50]), "slow steps begin at a higher speed"
 
 
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # viser uses these keys
@@ -279,7 +279,7 @@ def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, meas
     sheet = overlay._regions["sheet"]
     turn_until(lambda: "data-do='opened' aria-pressed='false'" in sheet.content)
     assert sheet.content.count("data-do='opened'") == 1 and "scene=tiny" in sheet.content
-    assert "recording" not in sheet.content and page.own_files is None, "which only a page of this machine offers"
+    assert "recording" not in sheet.content and page.own_files is None, "only a page of this machine offers it"
     overlay.receive(None, "stamp opened")
     turn_until(lambda: page.viewer.run.measurement is measurement)
     turn_until(lambda: "data-do='opened' aria-pressed='true'" in sheet.content)
@@ -308,7 +308,7 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and "log-likelihood" in label())
 
 
-def test_the_bar_says_that_a_method_begins_anew_and_why_one_is_not_possible(tiny_page):
+def test_the_bar_says_that_a_method_restarts_and_why_one_is_not_possible(tiny_page):
     page, turn_until = tiny_page
     bar, run = page.panels.overlay._regions["bar"], page.viewer.run
     turn_until(lambda: bar.content.count(f"title='{NEW_RUN}'") == 1)

@@ -95,7 +95,7 @@ def test_a_drag_is_one_gesture_and_the_next_or_that_of_another_page_is_another(p
     assert first == again != other
 
 
-def test_no_microphone_that_is_not_there_and_no_pointer_beside_the_floor_moves_anything(picker):
+def test_a_missing_microphone_or_a_pointer_beside_the_floor_moves_nothing(picker):
     nowhere = [(np.nan, 0, 0), (np.inf, 0, 0), (1.2, 2.2, 5.0), (1.2, 2.2, 9.0)]
     strangers = (None, -1, 5, 10**9, 1.5, "1")
     for index, point in [*((index, HERE) for index in strangers), *((1, point) for point in nowhere)]:
@@ -107,7 +107,7 @@ def test_no_microphone_that_is_not_there_and_no_pointer_beside_the_floor_moves_a
     assert picker.selected == [2, 4], "a click selects a known one, too"
 
 
-def test_a_microphone_is_let_go_where_the_pointer_has_left_the_floor_or_the_page_closes(picker):
+def test_a_microphone_is_released_where_the_pointer_left_the_floor_or_the_page_closed(picker):
     picker.drag(event("start", 1, HERE))
     picker.drag(event("end", 1, (1.2, 2.2, 9.0)))
     (_, before, _, _), (_, place, _, released) = picker.placed

@@ -255,7 +255,7 @@ def controls_of(viewer):
     return {handle[:2]: handle[2].value for handle in handles if isinstance(handle[2], viser.GuiInputHandle)}
 
 
-def set_oddly(viewer):
+def set_unusual_values(viewer):
     """Set the controls of the page, as a user does, to values that no lesson sets."""
     main = viewer.tabs
     main.solver.use_modes(2, 7, False)
@@ -280,7 +280,7 @@ def opened(page_of):
     page.open(OpenRequest(scene, start_seed=3))
     turn_until(lambda: page.viewer is not None)
     session = page.viewer.binding.session
-    set_oddly(page.viewer)
+    set_unusual_values(page.viewer)
     assert session.wait_for(lambda view: view.state.last == 7, timeout=60)
     session.pace(0)  # the session steps at once; the control keeps its value
     session.step(9)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from browsing import COARSE, choose, serving_here, tab, trigger, unhurried, until
+from browsing import COARSE, choose, serving_here, slowed_down, tab, trigger, until
 
 from fdcal.cost.maps import cost_maps, map_positions
 from fdcal.viewer import cost_maps as map_worker
@@ -18,7 +18,7 @@ EXPLORE = COARSE.partition("#")[0]
 
 
 def test_the_words_say_how_many_places_fit_and_three_quarters_of_the_time_have_several():
-    """`python -m benchmarks documents` compares the film with what its scene computes to."""
+    """`python -m benchmarks documents` compares the film with a new computation of its scene."""
     film = json.loads(re.search(r'json">(.*?)</script>', opening.film_html())[1])
     counts = [len(one["lowest"]) + len(one["others"]) for one in film["minima"]]
     assert counts[0] >= 5 and counts == sorted(counts, reverse=True) and counts[-1] == 1
@@ -105,7 +105,7 @@ EMPTY_BOXES = """() => [...document.querySelectorAll(".mantine-Paper-root > .man
 def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags_it(browser, url):
     context = browser.new_context(**PHONE)
     page = context.new_page()
-    unhurried(page)
+    slowed_down(page)
     page.goto(f"{url}/?fixedDpr=0.25#layout=explore", wait_until="domcontentloaded")
     assert page.evaluate(f"!{FILM}"), "a link leads to what it names"
     legend = page.locator("#fdcal [data-region=legend]")
@@ -166,7 +166,7 @@ def test_a_phone_says_how_to_read_the_map_and_a_finger_beside_a_microphone_drags
 
 def opened(browser, url, **options):
     page = browser.new_page(viewport={"width": 1024, "height": 576}, **options)
-    unhurried(page)
+    slowed_down(page)
     page.goto(f"{url}/{EXPLORE}", wait_until="domcontentloaded")
     return page
 
@@ -215,7 +215,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     second.get_by_role("button", name="Your turn").press("t")  # any other key ends the film, too
     second.locator(FILM_NODE).wait_for(state="detached")  # the film cannot wait for a map, because there is none
     second.wait_for_function("location.hash.includes('microphone=0')")
-    assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "its own user's"
+    assert first.evaluate("document.documentElement.dataset.mantineColorScheme") == "light", "each user has a theme"
     second.close()
     first.close()
     assert "Traceback" not in capsys.readouterr().err

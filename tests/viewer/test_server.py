@@ -37,7 +37,7 @@ from fdcal.viewer.server import process as error_log
 from fdcal.viewer.server.hardening import SafeMessageBuffer, allowed_origins, encoded, own_page_only
 
 
-def test_a_message_that_is_pushed_just_before_a_browser_is_waited_for_reaches_it():
+def test_a_message_that_is_pushed_just_as_the_sender_begins_to_wait_reaches_the_browser():
     """asyncio.Event loses a `set` from another thread that comes between the check in `wait` and its waiting."""
 
     async def first_window(atomic):
@@ -214,7 +214,7 @@ def test_a_message_that_the_page_sends_is_passed_on():
     assert client_values.is_acceptable({**DRAG, "instance_index": None})
 
 
-def test_what_is_no_message_is_an_error():
+def test_input_that_is_not_a_message_is_an_error():
     for raw in ("text", b"", b"\xc1", b"\x01", b"\x80", b"\x81\xa4type\x01"):
         with pytest.raises(ValueError):
             client_values.decoded_message(raw)

@@ -44,7 +44,7 @@ def worker(scene, threads):
     return made, solver, problem
 
 
-def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
+def test_the_verdict_is_what_calibrate_prints_and_appears_at_the_end(scene, worker):
     made, solver, problem = worker
     inputs = scene_input(scene)
     state = solver.init(problem, inputs.settings, scene.seed)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from browsing import begin_anew, opened_page, serving_here, tab, until
+from browsing import opened_page, restart_solver, serving_here, tab, until
 
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import load_lesson
@@ -56,6 +56,6 @@ def opened(shared):
         assert shared.evaluate("/scene=tiny&.*microphone=9.*map=flat.*layout=expert/.test(location.hash)")
 
     until(shared, as_wanted)
-    begin_anew(shared)
+    restart_solver(shared)
     tab(shared, "Curves")
     return shared

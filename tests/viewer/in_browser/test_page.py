@@ -4,7 +4,7 @@ import logging
 import re
 
 import pytest
-from browsing import COARSE, begin_anew, choose, hover, on_screen, opened_page, press, slider, tab, until
+from browsing import COARSE, choose, hover, on_screen, opened_page, press, restart_solver, slider, tab, until
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.viewer.server import hardening
@@ -26,7 +26,7 @@ def no_fault(caplog, request):
 
 def alive(page):
     """Check that the page reacts to a button."""
-    begin_anew(page)
+    restart_solver(page)
     press(page, "Step")
     page.get_by_text(re.compile("^step 1, ")).wait_for()
 
@@ -97,7 +97,7 @@ def test_the_page_follows_the_theme_the_arrows_and_keys_unless_a_text_is_typed(p
     page.wait_for_function("location.hash.includes('microphone=8')")
     assert page.evaluate(place) == before, "the arrows move the slider alone"
     page.evaluate("document.activeElement.blur()")
-    begin_anew(page)
+    restart_solver(page)
     map_again(page)
     page.keyboard.press("o")
     page.locator("//label[.='Frequency numbers']/following::input[1]").first.click()
