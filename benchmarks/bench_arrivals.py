@@ -1,9 +1,9 @@
-"""The measured array by times of arrival: how far its nominal places can be trusted.
+"""Positions of the measured array from arrival times: how far its nominal positions can be trusted.
 
 frl_array (see bench_real). Three sounds are cut out of each response: the direct one and the reflections from floor
-and ceiling, which come first. Each is a plane wave that passes the six equal microphones on the sphere; its delays
-there, by the slope of phase over frequency, give positions and directions by robust least squares, up to a rotation.
-Neither the model of a sound field nor a position of a loudspeaker is used.
+and ceiling, which come first. Each is taken as a plane wave that passes the six equal microphones on the sphere. Its
+delays follow from the slope of phase over frequency. Robust least squares gives positions and directions from them, up
+to a rotation. Neither the model of a sound field nor a position of a loudspeaker is used.
 """
 
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ ALONE = True
 SPEED = 343.2  # m/s
 BAND, HALF = (600.0, 3300.0), 0.6e-3  # Hz; half the length of the window round a sound, s
 SOUNDS = {"direct": (0.0, 0.0), "floor": (3.4e-3, 3.95e-3), "ceiling": (4.15e-3, 4.7e-3)}  # s after the direct sound
-COHERENT, ELEVATED, NEAR = 0.93, np.deg2rad(30), 0.01  # least coherence and elevation; m from the nominal places
+COHERENT, ELEVATED, NEAR = 0.93, np.deg2rad(30), 0.01  # least coherence; least elevation, rad; m from nominal
 FINE, ROUNDS = 16, 30  # samples of the envelope; iterations
 
 

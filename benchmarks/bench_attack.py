@@ -2,8 +2,8 @@
 
 Files with broken bytes and hostile messages are in `fuzz`. Here are paths that are not files (pipes, devices, loops of
 links), files that change or end while they are read, a full disk, arrays beyond any bound, and requests of clients that
-are not the page. A command has to end in SECONDS, with one line on standard error and an exit code of its table, and
-must leave nothing behind.
+are not the page. A command has to end in SECONDS, with one line on standard error and a documented exit code, and must
+leave nothing behind.
 """
 
 import os
@@ -129,7 +129,7 @@ def beyond_bounds(folder: Path) -> Iterator[str]:
     save_measurement(
         replace(wide, positions=1000 * np.asarray(wide.positions), known=(), known_positions=None), folder / "mm.npz"
     )
-    yield fault_of("field mm.npz -o o.svg", folder, codes=(2,))
+    yield fault_of("landscape mm.npz --microphone 3 -o o.svg", folder, codes=(2,))
     np.savez(
         folder / "flat.npz",
         frequencies=[100.0, 200.0],

@@ -1,8 +1,8 @@
 """One fixed array over draws of source and noise: squared error over claimed variance, where 1 is right.
 
-24 microphones in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in one of 4.6 x 3.8 x 2.7 m, six given
-each, rigid walls, the noise reported. The ratio of the means over the microphones that are sought is averaged over
-draws; +- is its standard error. FDCAL_BENCH_DRAWS draws of each line, 25 unless given, at least 1.
+24 microphones are in a disc of 0.5 m in a room of 6 x 5 m, and 32 in a ball of 0.4 m in a room of 4.6 x 3.8 x 2.7 m.
+Six of each are given, the walls are rigid, and the noise is reported. The ratio of the means over the microphones that
+are sought is averaged over draws; +- is its standard error. FDCAL_BENCH_DRAWS sets the draws, 25 unless given.
 FDCAL_BENCH_KNOWN_SIGMA is the sigma, metres, that is stated for the given positions, although these are exact; by
 default it is the solver's own.
 """

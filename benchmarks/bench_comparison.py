@@ -2,10 +2,10 @@
 
 Each row of the table is one kind of array, room, sound and number of takes; rooms are made by image sources
 (pyroomacoustics) at 8 kHz. Every method is blind: it knows neither microphones nor sources. The other methods are
-given whether an array is plane; fdcal has to find out. It prints a table in Markdown: the median over the draws of the
-RMS position error after the best rigid motion, in millimetres, with the greatest in brackets, and the seconds of
+given whether an array is plane; fdcal detects it. The benchmark prints a table in Markdown: the median over the draws
+of the RMS position error after the best rigid motion, in millimetres, with the largest in brackets, and the seconds of
 processor time.
-`python -m benchmarks.bench_comparison ROW...` draws some rows alone.
+`python -m benchmarks.bench_comparison ROW...` computes some rows alone.
 """
 
 import sys

@@ -1,8 +1,8 @@
 """How long `joint` takes, from measurement to verdict, for array 1 and a ball, and how that depends on N and M.
 
-Compiled code is warm, and times are medians of REPEATS, of the processor and of the clock. The time compared with that
-of descent is that of the steps until Eq. 7 at joint's positions, with the same frequencies and orders, is as low as at
-the end of descent. Each size is measured in a process of its own; its memory is the peak minus that before the run.
+Everything is compiled before, and times are medians of REPEATS, of the processor and of the clock. For the comparison
+with descent, joint is timed until Eq. 7 at its positions, with the same frequencies and orders, is as low as at the end
+of descent. Each size is measured in a process of its own; its memory is the peak minus that before the run.
 """
 
 import os

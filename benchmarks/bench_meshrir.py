@@ -1,4 +1,4 @@
-"""Calibrate a folder with the form of MeshRIR's S1-M3969, without a known position, or a plane of it with four.
+"""Calibrate a folder like MeshRIR's S1-M3969: some of its positions, none known, and a plane of it, four known.
 
 The folder is made by image sources (Allen and Berkley 1979), which share nothing with fdcal: a room of 7.0 x 6.4 x
 2.7 m whose walls reflect 0.72 of the pressure, 48 kHz, 32768 samples, sound up to 1.5 kHz, and noise 40 dB below.
@@ -27,7 +27,7 @@ SPEED = 343.2  # m/s
 RATE, SAMPLES = 48_000, 32_768
 FEWER = 12  # factor by which the sampling rate of the sum over images is lower
 TAPS, FINE = 64, 512  # of the pulse that stands for an image, and its points per sample
-# The command in a child of a small process: a child of this one would be charged with what this one holds.
+# A small process runs the command, because the peak memory of a child of this process would include its own memory.
 MEASURED = """
 import resource, subprocess, sys
 code = subprocess.run([sys.executable, "-m", "fdcal", *sys.argv[1:]], stdout=subprocess.DEVNULL).returncode

@@ -15,11 +15,11 @@ dead        small arrays in a room of 6 x 5 x 2.8 m, 0.2 to 0.5 s: impulses of a
 The folder FDCAL_REAL_DATA holds the measured arrays, each under the name of its repository; one that is absent is
 skipped. Only frl_array has a licence, so the others are not in this repository.
 
-Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the families, separated by commas;
-FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has
-the RMS error after the best rigid motion (with positions given: without any motion) as mean and worst of the draws,
-the size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows, the seconds of the
-processor from file to positions, and the verdicts.
+Rooms are simulated by image sources (pyroomacoustics) at 8 kHz. FDCAL_BENCH_FAMILIES names some of the families,
+separated by commas; FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured
+array. Each line has the RMS error after the best rigid motion (with positions given: without any motion) as mean and
+worst of the draws, the size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows,
+the seconds of the processor from file to positions, and the verdicts.
 """
 
 import os

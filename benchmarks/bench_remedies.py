@@ -1,4 +1,4 @@
-"""Each remedy that a verdict prints, followed: does the error fall, or does the verdict become true?
+"""Whether the remedies that a verdict prints help: does the error fall, or does the verdict become right?
 
 Jobs are the cases of `benchmarks.field`, each calibrated by several users (USERS), family by family, until WANTED of
 them have printed a remedy or FDCAL_BENCH_DRAWS cases of each family (40 unless given) have been tried.

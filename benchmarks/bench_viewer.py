@@ -241,7 +241,7 @@ def _drags(page, served: Served) -> float:
     page.get_by_role("tab", name="Map", exact=True).click()
     page.locator("//label[.='Frequency numbers']/following::input[1]").first.fill(f"1-{MODES}")
     page.keyboard.press("Enter")
-    page.get_by_text(f"sum of {MODES} modes").first.wait_for()
+    page.get_by_text(f"sum of {MODES} frequencies").first.wait_for()
     page.wait_for_timeout(3e3)
     frames = _mouse(page)
     page.wait_for_timeout(1e3)

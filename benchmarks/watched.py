@@ -45,12 +45,12 @@ class Watch:
         self._came = time.perf_counter()
 
     def ask(self, slider: str, reached) -> None:
-        """A slider's message: `reached(viewer)` says whether its effect is published."""
+        """Note a slider's message, whose effect is published as soon as `reached(viewer)` is true."""
         self.waits[slider] = reached
         self.note("received", slider, self._came)
 
     def look(self, viewer: Viewer) -> None:
-        """After a tick of the main loop."""
+        """Note which effects are published; called after a tick of the main loop."""
         for slider, reached in list(self.waits.items()):
             if reached(viewer) and self.waits.get(slider) is reached:
                 self.waits.pop(slider)

@@ -132,7 +132,7 @@ def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) ->
 
 
 STARTS = 5  # number of starts from arrival times alone
-FEWEST = {2: 3, 3: 6}  # least number of takes, by the dimension of an array: fewer plane waves leave an affine map open
+FEWEST = {2: 3, 3: 6}  # least number of takes by the dimension of an array; with fewer, an affine map is undetermined
 DISTANCE = 2.0  # m, of the sources from the array in a start
 
 

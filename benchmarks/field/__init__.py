@@ -1,7 +1,7 @@
 """A generator of calibration cases, and their score. `fdcal` draws the noise only; the fields use none of its code.
 
 families    lists of case descriptions, each fixed by its seed
-cases       a case description to the content of a measurement file and the truth
+cases       from a case description to the content of a measurement file and the truth
 faults      what goes wrong in a case: channels, given positions, sound speed
 geometries  array shapes
 rectangle   rigid rectangle in two dimensions, closed form

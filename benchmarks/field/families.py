@@ -244,7 +244,7 @@ def channels(n):
 
 @family(32)
 def global2d(n):
-    """Faults of the whole: sound speed, wavenumbers, wrongly reported noise, common-mode hum, drift, two sources."""
+    """Faults of all channels: sound speed, wavenumbers, wrongly reported noise, common hum, drift, two sources."""
     out = []
     F = [
         ["sound_speed", 0.01],
@@ -270,7 +270,7 @@ def global2d(n):
 
 @family(32)
 def source2d(n):
-    """Source 0.3 m from the nearest microphone, inside, two coherent, scatterer inside, strong damping."""
+    """A source 0.3 m from a microphone or inside the array, two sources, a scatterer inside, strong damping."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 10, i])
@@ -533,7 +533,7 @@ def _living_rooms(n: int, counts: list[int], seed: int) -> list[dict]:
 
 @family(30)
 def livingroom(n):
-    """The study's: 16 and 32 microphones, absorption by frequency, cardioid, 1 dB and 5 degrees, four given by tape."""
+    """The study's scenarios: 16 and 32 microphones, absorption by frequency, a cardioid, gain errors, four given."""
     scenarios = [one for one in calibration_study().scenarios if one.name.startswith("living room")]
     return _of_scenarios([scenarios[i % len(scenarios)] for i in range(n)], 526000)
 

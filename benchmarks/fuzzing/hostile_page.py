@@ -1,8 +1,8 @@
 """Messages that a hostile page sends to `fdcal view`, from a seed, while an honest page must get answers.
 
-A case is one connection and the messages that it sends: messages of the page's own kinds with odd values, of kinds that
-only a server sends, with bytes broken, and no messages at all. After every tenth case the scene has to take on the
-colours that the honest page asks for; in the end a new page is served, and the server has logged no error.
+A case is one connection and the messages that it sends: messages of the page's own kinds with unusual values, messages
+of kinds that only a server sends, messages with broken bytes, or none. After every tenth case the scene must take on
+the colours that the honest page requests. At the end a new page is served, and the server must have logged no error.
 """
 
 import contextlib

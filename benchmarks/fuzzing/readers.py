@@ -34,8 +34,8 @@ class Reader:
     ----------
     suffix : of its files
     make : writes a good file
-    read : reads a file, and raises AssertionError for an object that is not in order
-    apart : whether a C library reads it, so that a fault may end the process or one of its own is started
+    read : reads a file, and raises AssertionError for an invalid object
+    apart : whether a C library reads it, so that a fault may end the process, or a separate process is started
     mutate : breaks the content of a file
     """
 
