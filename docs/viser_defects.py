@@ -21,7 +21,7 @@ async def message_arrives() -> bool:
     """
     buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)
     event = buffer.message_event
-    get_loop = event._get_loop  # which `wait` calls between the two
+    get_loop = event._get_loop  # `wait` calls it between the two
 
     def push_in_between() -> asyncio.AbstractEventLoop:
         event._get_loop = get_loop

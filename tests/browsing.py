@@ -1,4 +1,4 @@
-"""How to find things in the page of a real browser, for the tests that have one."""
+"""Helpers of tests that look for things on the page in a real browser."""
 
 import contextlib
 import functools

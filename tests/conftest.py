@@ -50,9 +50,9 @@ PAINTER = re.compile(r"def \w+\([^)]*\b(painted|one_painter)\b")
 def cache(tmp_path_factory) -> Path:
     """A disk cache for this run only, so that no test reads what an older version computed.
 
-    All workers share it, so that each scene is simulated once. Commands run by tests use it, too, and this checkout's
-    code. Where Python may write no bytecode beside the source, these commands have theirs here: there are hundreds of
-    them, and each would compile all that it imports.
+    All workers use it, so that each scene is simulated once. Commands that tests run use it, too, and run the code of
+    this checkout. If Python cannot write bytecode beside the source, their bytecode is stored here: there are hundreds
+    of commands, and each would compile all that it imports.
     """
     own = tmp_path_factory.getbasetemp()
     folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
@@ -262,7 +262,7 @@ def pytest_collection_modifyitems(items) -> None:
 
     The browser tests of a folder, which may share a page, stay together, in the order of their names.
 
-    Tests in a browser are slow, and those in slow.txt, which .ci/slow.py writes from the durations of a run.
+    Slow tests are those in a browser and those in slow.txt, which .ci/slow.py writes from the durations of a run.
     """
     lines = (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines()
     slow = {name: float(seconds) for name, seconds in map(str.split, lines)}

@@ -102,7 +102,7 @@ def test_progress_is_reported_and_may_end_the_run(tiny):
         fdcal.calibrate(tiny, modes=10, progress=stop)
 
 
-def test_the_landscape_is_least_at_the_true_position(tiny):
+def test_the_landscape_is_lowest_at_the_true_position(tiny):
     panels = fdcal.landscape(tiny, 3, range(1, 16))
     assert np.linalg.norm(panels.minima[-1] - tiny.positions[3]) <= 2 * tiny.search.step
     np.testing.assert_allclose(panels.maps[-1], panels.maps[:-1].sum(axis=0))
@@ -118,7 +118,7 @@ def test_the_landscape_round_a_result_needs_no_true_positions(tiny, found):
     assert caught.value.key == "modes" and "99" in str(caught.value)
 
 
-def test_a_result_and_a_measurement_show_themselves_in_a_line(tiny, found):
+def test_a_result_and_a_measurement_have_a_one_line_representation(tiny, found):
     assert len(repr(found).splitlines()) == 1 and len(repr(found)) < 200
     assert "16 microphones, 3 known, 12 frequencies, verdict good, mean error" in repr(found)
     assert repr(tiny) == "<Measurement: 16 microphones, 3 known, 36 frequencies from 102.1 to 831.0 Hz>"

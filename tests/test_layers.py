@@ -85,7 +85,7 @@ def modules_of(path: Path) -> set[str]:
     return found - {name_of(path), ""}
 
 
-def test_the_packages_are_those_of_the_plan_and_none_asks_the_root():
+def test_the_packages_are_those_of_the_plan_and_none_imports_the_root():
     assert {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} == set(PACKAGES)
     assert {path.name for path in PACKAGE.glob("*.py")} == {"__init__.py", "__main__.py"}
     public = {"fdcal", *(f"fdcal.{name}" for name in fdcal.PUBLIC)}
@@ -109,7 +109,7 @@ def test_a_module_imports_only_from_packages_below():
             assert PACKAGES.index(package_of(other)) <= rank, f"{name_of(path)} imports {other}, which is above it"
 
 
-def test_a_library_stays_in_its_home():
+def test_a_library_is_imported_only_where_it_belongs():
     for path in INSIDE:
         name = name_of(path)
         for library in {one.partition(".")[0] for one in imports(path)} & set(HOMES):

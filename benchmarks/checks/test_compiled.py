@@ -37,6 +37,6 @@ print({"pruned_search", "_basins", "sweep"} <= called, all(stored), new)
 
 
 def test_nothing_is_compiled_after_its_warmup():
-    """In a process of its own, which has compiled nothing yet."""
+    """It runs in a process of its own, which has compiled nothing yet."""
     done = subprocess.run([sys.executable, "-c", SEARCH], capture_output=True, text=True)
     assert done.stdout.strip() == "True True []", done.stderr

@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.fuzzing import hostile_page
 from fdcal.viewer.server.client_values import COSTS, is_acceptable
 
-SEEDS = 200  # connections whose messages are looked at
+SEEDS = 200  # connections whose messages are inspected
 
 
 def test_the_cases_hold_every_kind_of_message_that_a_page_sends():

@@ -17,7 +17,7 @@ from fdcal.session.sources import measurement_input
 
 COUNT = 16
 SOURCES = ((4.3, 3.4, 0.8), (0.6, 3.2, 2.3), (4.4, 0.5, 2.5))  # m
-FEW = 40  # rows of a calibration: the time grows with their number, and the laws hold at any
+FEW = 40  # rows of a calibration: the time grows with their number, and the laws hold for any number
 
 
 def responses(source: int) -> np.ndarray:

@@ -40,7 +40,7 @@ run.BATCHING = replace(run.BATCHING, write_seconds=0.0)
 main(sys.argv[1:])
 """
 
-# One that does no more after its first row, so that it never ends before it is killed.
+# `fdcal` that stops working after its first row, so that it never ends before it is killed.
 HALTED = """
 import time
 from fdcal_bench.run import Results
@@ -75,7 +75,7 @@ def test_an_interrupted_study_says_in_one_line_what_is_kept_and_how_it_goes_on(t
     assert "Traceback" not in errors
 
 
-def test_a_killed_study_goes_on_a_killed_worker_costs_no_row(tmp_path, monkeypatch):
+def test_a_killed_study_continues_and_a_killed_worker_loses_no_row(tmp_path, monkeypatch):
 
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=3))

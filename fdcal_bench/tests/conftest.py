@@ -1,4 +1,4 @@
-"""The cache of a run of these tests, which `tests/conftest.py` has for those of fdcal."""
+"""A cache for these tests, as `tests/conftest.py` has one for those of fdcal."""
 
 import os
 from pathlib import Path
@@ -22,7 +22,7 @@ def cache(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def few_random_starts():
-    """The search for starts tries two random ones at most: its own tests are those of fdcal."""
+    """Limit the search for starts to two random ones; the tests of fdcal test this search."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(starts, "RANDOM_STARTS", 2)
         yield

@@ -116,7 +116,7 @@ def test_the_reference_has_every_method_on_every_draw_of_every_case():
 
 
 def test_the_measured_array_is_part_of_both_distributions(tmp_path, monkeypatch):
-    """A source distribution gets it from the examples of the checkout, and a wheel that is built from that its own."""
+    """A source distribution takes it from the examples of the checkout, a wheel from the source distribution."""
     interface = types.SimpleNamespace(BuildHookInterface=object)
     monkeypatch.setitem(sys.modules, "hatchling.builders.hooks.plugin.interface", interface)
     hook = runpy.run_path(str(FOLDER / "hatch_build.py"))["MeasuredArray"]()

@@ -116,7 +116,7 @@ def test_points_are_the_product_of_the_axes(file):
         ("draws = 3", "= 3"),
     ],
 )
-def test_a_wrong_study_is_one_line(file, capsys, old, new):
+def test_a_wrong_study_is_refused_in_one_line(file, capsys, old, new):
     file.write_text(file.read_text().replace(old, new))
     line = refusal(capsys, file, "--dry-run")
     assert line.count(str(file)) == 1
@@ -131,7 +131,7 @@ def test_a_wrong_study_is_one_line(file, capsys, old, new):
         ("inverted = 1", "inverted = 12", "too few microphones"),
     ],
 )
-def test_wrong_scenarios_are_one_line(tmp_path, capsys, old, new, words):
+def test_wrong_scenarios_are_refused_in_one_line(tmp_path, capsys, old, new, words):
     (tmp_path / "wrong.toml").write_text(SCENARIOS.replace(old, new))
     assert words in refusal(capsys, tmp_path / "wrong.toml", "--dry-run")
 
@@ -306,7 +306,7 @@ def test_the_report_describes_its_rooms_and_lists_points_with_intervals_and_wron
     assert "<td>703</td><td>123</td><td>400</td>" in page, "the one that is good and wrong"
 
 
-def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
+def test_the_hash_of_sources_covers_what_a_row_depends_on(tmp_path):
     for part in ("cost", "viewer"):
         (tmp_path / part).mkdir()
         (tmp_path / part / "one.py").write_bytes(b"x = 1\n")
@@ -349,7 +349,7 @@ def test_own_processes_listen_on_the_loopback_interface_and_to_each_other_alone(
 
 
 def test_an_interrupted_study_says_what_is_kept_goes_on_and_is_drawn(file, tmp_path, monkeypatch, capsys):
-    """In a thread of this process; `benchmarks documents` interrupts and kills processes of its own."""
+    """It runs in a thread of this process; `benchmarks documents` interrupts and kills processes of its own."""
     file.write_text(TEXT.format(draws=1).replace('"solver.modes" = [12, 20]\n', ""))
     folder = tmp_path / "out"
 

@@ -67,7 +67,7 @@ def plane_wave_coefficients_3d(k, order, centre):
 
 
 @pytest.mark.parametrize("k", WAVENUMBERS)
-def test_a_plane_wave_is_the_sum_of_jacobi_and_anger_and_of_rayleigh(k):
+def test_a_plane_wave_is_the_jacobi_anger_and_the_rayleigh_sum(k):
     W = dictionary.fourier_bessel(POINTS, k, 30, CENTRE)
     found = W @ plane_wave_coefficients(k, 0.7, 30, CENTRE)
     np.testing.assert_allclose(found, plane_wave(POINTS, k, 0.7), atol=1e-12)
@@ -118,7 +118,7 @@ def test_sine_over_z_of_a_complex_square_does_not_depend_on_the_root():
 @pytest.mark.parametrize("spherical", [False, True])
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 @pytest.mark.parametrize("top", [0, 1, 6, 40, 150])
-def test_bessel_functions_of_all_orders_are_scipy_s(spherical, damping, top):
+def test_bessel_functions_of_all_orders_equal_those_of_scipy(spherical, damping, top):
     z = np.array([z for z in ARGUMENTS[spherical:] if z <= top + 25])  # the orders in use reach beyond the argument
     z = (z - 1j * damping if damping else z)[None]
     found, orders = dictionary.bessel(z, top, spherical=spherical), np.arange(top + 1)[:, None, None]

@@ -129,13 +129,13 @@ def test_progress_rises_to_one_and_may_stop_the_run():
         simulate(Room(size=(1.0, 0.8), cell=H), SOURCE, [(0.5, 0.5)], lambda done: 1 / 0)
 
 
-def test_too_low_a_sampling_rate_names_one_that_is_enough():
+def test_a_sampling_rate_that_is_too_low_is_refused_with_a_sufficient_one():
     with pytest.raises(InputError, match=r"sample_rate = 20000 Hz breaks the CFL .* 0.02 m; use at least 24254 Hz"):
         make_grid(Room(size=(6.0, 5.0)), 20000)
     make_grid(Room(size=(6.0, 5.0)), 24254)
 
 
-@pytest.mark.parametrize(("room", "source", "ear", "words"), [
+@pytest.mark.parametrize(("room", "source", "receiver", "words"), [
     ({"size": (2.01, 1.5)}, {}, (0.5, 0.5), "room.size has a wall at 2.01 m.* use 2 or 2.05 m"),
     ({"outline": ((0.0, 0.0), (1.03, 0.0), (1.03, 1.0))}, {}, (0.5, 0.5), "room.outline has a wall at 1.03 m"),
     ({"outline": ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, {}, (0.5, 0.5), "below 0"),
@@ -148,6 +148,6 @@ def test_too_low_a_sampling_rate_names_one_that_is_enough():
     ({}, {"low": 1e-6, "duration": 1e9}, (0.5, 0.5), "over 4 GB"),
     ({}, {"low": 1e-6}, (0.5, 0.5), "source.duration = 0.08 s is shorter than .*higher source.low"),
 ])  # fmt: skip
-def test_what_simulate_refuses(room, source, ear, words):
+def test_what_simulate_refuses(room, source, receiver, words):
     with pytest.raises(InputError, match=words):
-        simulate(Room(**(room or {"outline": L_SHAPE}), cell=H), dataclasses.replace(SOURCE, **source), [ear])
+        simulate(Room(**(room or {"outline": L_SHAPE}), cell=H), dataclasses.replace(SOURCE, **source), [receiver])

@@ -36,13 +36,13 @@ def room(request):
 def test_the_field_solves_helmholtz_to_second_order(room, k):
     """The field has the requested k: the error of the finite differences falls with the square of their step."""
 
-    def fault(h):
+    def residual(h):
         p, sums = point_source_pressures(room, SOURCE, PLACES, [k])[0], 0
         for d in h * np.concatenate([np.eye(3), -np.eye(3)]):
             sums = sums + point_source_pressures(room, SOURCE, PLACES + d, [k])[0]
         return np.abs((sums - 6 * p) / h**2 + k**2 * p)
 
-    coarse, fine = fault(0.04), fault(0.02)
+    coarse, fine = residual(0.04), residual(0.02)
     assert coarse.max() > 1e-6
     assert np.linalg.norm(coarse) / np.linalg.norm(fine) == pytest.approx(4.0, rel=0.02)
 

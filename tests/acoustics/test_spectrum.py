@@ -86,7 +86,7 @@ def test_transform_equals_its_defining_sum():
     (lambda scene: measure(replace(scene, source=replace(scene.source, duration=0.3))), r"0\.3 s is too short"),
     (lambda _: spectrum.wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0), r"measurement\.highest"),
 ])  # fmt: skip
-def test_what_has_no_spectrum_is_refused(scene, call, words):
+def test_signals_without_a_usable_spectrum_are_refused(scene, call, words):
     refuses(words, call, scene)
 
 

@@ -397,7 +397,7 @@ def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
     assert figures[0] == pytest.approx(figures[1], rel=1e-12)
 
 
-def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_prediction(estimate):
+def test_gains_that_the_solver_found_do_not_increase_the_prediction_error(estimate):
     """The leave-one-out errors are computed from the pressures after correction of gains and delays."""
     rng, before = np.random.default_rng(0), assess(estimate).evidence
     gains = 0.3 * rng.normal(size=estimate.channels.gains.shape)
@@ -456,7 +456,7 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
     assert assess(at(measurement, few, int(np.sum(measurement.frequencies < limit)))).verdict != "undersampled"
 
 
-def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
+def test_the_scale_of_a_plane_in_space_is_undetermined_without_known_microphones():
     """A sound field in space, sampled on a plane: sinc in place of J_0."""
     rng, count = np.random.default_rng(2), 160
     k, directions = np.linspace(1.0, 5.0, count), rng.normal(size=(count, 60, 3))

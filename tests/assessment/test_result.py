@@ -44,7 +44,7 @@ FULL = Calibration(
 
 
 WHOLE = json.loads(FULL.to_json())
-# The keys of every result, and others.
+# The keys that every result has, and further ones.
 LEAST = {
     key: WHOLE[key]
     for key in "fdcal_result positions solver seed frequencies cost sweeps elapsed_s converged max_error_m".split()
@@ -198,7 +198,7 @@ def test_errors_are_of_the_microphones_sought_whose_channels_are_healthy():
     assert some.rms_error == pytest.approx(1e-3 * np.sqrt((1 + 4 + 9 + 25 + 36) / 6))
     assert replace(plain, channels=channels).counted(range(9)).tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
     turned = replace(plain, positions=found[:, ::-1] + [3.0, -1.0], channels=channels, aligned=True)
-    assert turned.compared_with(measurement, (7, 8)).max_error < 8e-3, "nor do they move a blind array off the truth"
+    assert turned.compared_with(measurement, (7, 8)).max_error < 8e-3, "the alignment omits them, too"
     read = Calibration.from_json(some.to_json())
     assert (read.mean_error, read.rms_error) == (some.mean_error, some.rms_error)
 
@@ -325,7 +325,7 @@ def test_the_html_of_a_notebook_escapes_names():
 
 
 @pytest.mark.parametrize("half_axis", [2e-6, 3e-4, 7e-3, 0.03, 0.5])
-def test_the_enlargement_is_round_and_makes_ellipses_visible(half_axis):
+def test_the_enlargement_is_a_round_number_and_makes_ellipses_visible(half_axis):
     factor = ellipse_scale(half_axis * np.eye(2)[None], 1.0)
     assert factor >= 1
     assert factor * half_axis >= VISIBLE * 0.999

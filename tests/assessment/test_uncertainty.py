@@ -74,7 +74,7 @@ def blind() -> Estimate:
 def test_95_percent_ellipses_cover_95_percent(given):
     """This holds for draws of a diffuse field; they may cover more, since fields of rooms are less isotropic.
 
-    Of rooms and over many draws: `python -m benchmarks claim`.
+    `python -m benchmarks claim` tests fields of rooms over many draws.
     """
     rng, covered, ratios, free = np.random.default_rng(1), [], [], np.setdiff1d(np.arange(len(TRUTH)), given)
     for _ in range(3):
@@ -305,7 +305,7 @@ def by_differences(x, dimension):
 
 
 @pytest.mark.parametrize(("axes", "dimension"), [(2, 2), (3, 3), (2, 3)])
-def test_equals_numerical_derivatives_of_the_covariance(axes, dimension):
+def test_the_information_equals_numerical_derivatives_of_the_covariance(axes, dimension):
     x = array(6, axes)
     expected = by_differences(x, dimension)
     found = diffuse_information(x, WAVENUMBERS, SHARE, dimension).matrix

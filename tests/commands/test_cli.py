@@ -128,7 +128,7 @@ def test_a_damaged_scene_is_named_and_the_others_are_listed(tmp_path, monkeypatc
 
 
 def test_app_py_opens_the_page(monkeypatch, capsys):
-    """With the options of `fdcal view`, which tests/viewer runs."""
+    """It takes the options of `fdcal view`, which tests/viewer tests."""
     monkeypatch.setattr(sys, "argv", ["app.py", "nowhere", "--no-browser"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(Path(__file__).parents[2] / "app.py"), run_name="__main__")

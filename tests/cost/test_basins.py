@@ -108,7 +108,7 @@ def ambiguous():
 
 
 def bowls(shape=(12, 21, 33)):
-    """A volume with two round holes."""
+    """A volume with two round minima."""
     z, y, x = np.indices(shape)
     one, other = (x - 8) ** 2 + (y - 8) ** 2 + (z - 5) ** 2, (x - 25) ** 2 + (y - 12) ** 2 + (z - 6) ** 2 + 4
     return np.minimum(one, other).astype(float), Search((1.0, 2.0, 3.0), (3.2, 2.0, 1.1), 0.1, 1.0)

@@ -188,7 +188,7 @@ def test_the_reference_cost_is_equation_7_of_all_modes_at_one_order(name):
     assert eq7.decibels(total[0, 0]) == pytest.approx(eq7.ReferenceCost(problem)(positions), abs=1e-6), "as in a map"
 
 
-def test_few_microphones_lower_the_order_and_too_few_have_none(tiny):
+def test_few_microphones_lower_the_order_and_too_few_have_no_reference_cost(tiny):
     problem = tiny.problem()
     six = replace(problem, pressures=problem.pressures[:, :6])
     assert eq7.ReferenceCost(six).order_offset < 2 and np.isfinite(eq7.ReferenceCost(six)(tiny.positions[:6]))

@@ -52,7 +52,7 @@ def test_the_covariance_of_a_damped_isotropic_field_is_that_of_the_dictionary(di
 
 @pytest.mark.parametrize("damping", [0.0, 0.2])
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
-def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
+def test_the_covariance_of_plane_waves_is_their_explicit_sum(dimension, D, damping):
     """This also holds for undamped waves, which are added in opposite pairs, and for a part of the modes."""
     x, k = array(D) - array(D).mean(axis=0), K - 1j * damping if damping else K
     powers = np.random.default_rng(3).uniform(0.1, 2.0, (len(K), kernels.directions_needed(x, K, dimension)))
@@ -63,7 +63,7 @@ def test_the_covariance_of_plane_waves_is_theirs(dimension, D, damping):
     np.testing.assert_allclose(some, found[1:], rtol=1e-12)
 
 
-# Plane waves over an array have these sums and slopes, and so many of them are needed.
+# The sums and slopes of plane waves over an array, and the number of waves that is needed.
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)
@@ -148,7 +148,7 @@ def covariances(x, field):
 
 @pytest.mark.parametrize("parameters", [0, 4])
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
-def test_the_terms_are_those_of_the_explicit_covariance_and_of_differences(kernel, dimension, D, count, parameters):
+def test_the_terms_equal_an_explicit_covariance_and_finite_differences(kernel, dimension, D, count, parameters):
     x, p, channels = drawn(D, count)
     field, channels = assumed(kernel, x, dimension), channels[:, :parameters] if parameters else None
     found = likelihood_terms(x, p, field, channels)

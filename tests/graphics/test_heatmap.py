@@ -163,7 +163,7 @@ def contrast(one, other):
 
 
 @pytest.mark.parametrize("theme", [primitives.LIGHT, primitives.DARK], ids=["light", "dark"])
-def test_texts_stand_out_from_their_ground(theme):
+def test_texts_stand_out_from_their_background(theme):
     """Contrast of at least 7, the strictest of the Web Content Accessibility Guidelines."""
 
     assert contrast((0, 0, 0), (255, 255, 255)) == pytest.approx(21)

@@ -159,7 +159,7 @@ def test_the_table_of_microphones_is_complete(measured, solid):
     assert {row["uncertainty_m"] for row in rows} == {"0.002"}
 
 
-def test_figures_as_picture_and_drawing(measured):
+def test_figures_are_written_as_picture_and_drawing(measured):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 9, [1, 5], 2)
     figure = draw_landscape(panels, measurement.positions[9], heading="a $ and $ <b>")

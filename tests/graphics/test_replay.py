@@ -65,7 +65,7 @@ def test_names_and_title_stay_texts(run):
     assert EVIL not in text
 
 
-def test_without_truth_and_room(run):
+def test_a_replay_needs_neither_true_positions_nor_a_room(run):
     _, measurement, states = run
     data, arrays, _ = contents(replay_html(None, dataclasses.replace(measurement, positions=None), states, "Blind"))
     assert not {"truth", "mean", "largest"} & set(arrays) and data["outline"] is data["maps"] is None
@@ -229,7 +229,7 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
             np.testing.assert_allclose(found, maps, atol=1e-4 * maps.max())
 
 
-def test_what_an_address_asks_for_is_shown_or_said_to_be_missing_and_a_map_is_the_sum_of_its_modes(browser, tmp_path):
+def test_what_an_address_names_is_shown_or_reported_as_missing_and_a_map_is_the_sum_of_its_modes(browser, tmp_path):
     text, problem, _ = replay_of(measured(2, 2))
     _, _, positions = contents(text)
     vain = "#step=1e9&microphone=99&modes=7-3&view=%3Cb%3E&zoom=0,0,0"

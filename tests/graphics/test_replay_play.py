@@ -85,7 +85,7 @@ def test_a_released_microphone_rolls_downhill_into_a_minimum_that_is_named(page,
     end, off = place_and_distance(page, truth)
     np.testing.assert_allclose(end, path[-1])
     minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
-    assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a hole that the map marks"
+    assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a minimum that the map marks"
     below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
     home = np.linalg.norm(end - below) < 0.01  # it is in the minimum of the true position
     words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()

@@ -164,7 +164,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_what_its_library_writes_is_read(name, tmp_path, request):
+def test_files_of_each_library_are_read(name, tmp_path, request):
     if name in ("a.wav", "a.h5", "mesh"):
         request.getfixturevalue("apart")
     recording = formats.read(WRITERS[name](tmp_path / name))

@@ -41,7 +41,7 @@ def test_a_window_in_a_gap_does_not_count():
     assert np.all(counts[(middle > 0.36) & (middle < 0.64)] == 0) and np.all(counts[middle < 0.3] > 0.9)
 
 
-def test_of_an_impulse_response_the_direct_sound_and_the_noise_are_left_out():
+def test_windows_leave_out_the_direct_sound_and_the_noise_of_an_impulse_response():
     rng, onset, decay = np.random.default_rng(1), 0.1, 0.05
     t = np.arange(2 * RATE) / RATE
     tail = np.where(t > onset, np.exp(-(t - onset) / decay), 0.0) * rng.standard_normal((6, len(t)))

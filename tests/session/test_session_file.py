@@ -112,7 +112,7 @@ def test_a_file_that_is_not_a_session_is_refused_in_one_line(tmp_path, content):
         refuses("", session_file.read, tmp_path / name)
 
 
-def test_of_a_long_run_fewer_states_are_written_and_none_that_is_not_finite(joint_session, monkeypatch):
+def test_a_long_run_is_written_with_fewer_states_all_of_them_finite(joint_session, monkeypatch):
     states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
     assert session_file.kept_states(states, 17) == list(range(100))
     monkeypatch.setattr(session_file, "WRITTEN_BYTES", 6 * len(pickle.dumps(joint_session.states[0])))

@@ -59,7 +59,7 @@ def test_the_covariance_assumes_a_less_isotropic_field_than_the_cost(ended, monk
     assert np.trace(weaker) > 1.02 * np.trace(result(problem, state).spread.newton)
 
 
-def test_of_two_optima_of_one_cost_the_less_determined_one_has_more_evidence(ended):
+def test_the_less_determined_of_two_optima_with_equal_cost_has_more_evidence(ended):
     """Laplace: evidence falls by half the log determinant, by half log 4 for each unknown that is twice as certain."""
     problem, state = ended
     state = replace(state, progress=replace(state.progress, stage=FINAL))
@@ -159,7 +159,7 @@ def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):
         assert STAGES[begun.progress.stage].name == "final"
 
 
-def test_each_likely_start_is_refined_and_then_the_likeliest_end_of_them(run):
+def test_each_likely_start_is_refined_and_then_the_likeliest_result(run):
     problem, states = run
     best = likeliest(states[-1])
     elsewhere = best.positions + np.random.default_rng(0).normal(0, 0.3, best.positions.shape)

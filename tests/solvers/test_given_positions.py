@@ -107,7 +107,7 @@ def test_the_array_is_that_without_the_wrong_position(healthy):
     assert end.state.model.contradicted.tolist() == [False, False, True, False, False, False]
 
 
-def test_how_probable_given_positions_are_does_not_depend_on_where_near_the_minimum_a_run_has_ended(healthy):
+def test_the_probability_of_given_positions_does_not_depend_on_where_near_the_minimum_a_run_ended(healthy):
     end, away = solved(healthy), 3e-4 * np.random.default_rng(0).normal(size=healthy.positions.shape)
     away[KNOWN] = 0.0
     beside = load("robust").result(end.problem, replace(end.state, positions=end.state.positions + away))

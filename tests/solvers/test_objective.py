@@ -223,7 +223,7 @@ def test_a_take_with_too_few_arrivals_says_nothing():
     assert arrivals_of(replace(problem, arrivals=0 * times + np.nan), None) is None
 
 
-def test_times_that_channels_delay_cost_nothing_at_these_delays():
+def test_arrival_times_that_channels_delay_cost_nothing_at_these_delays():
     x = array()
     arrivals, delays = simulated_arrivals(x, 3, scatter=0.0), 0.02 * np.random.default_rng(3).normal(size=12)
     late = replace(arrivals, paths=arrivals.paths + delays)

@@ -71,7 +71,7 @@ def test_no_solver_is_given_more_modes_than_it_can_use():
     assert count_of(with_settings(with_settings(inputs, modes=9), "descent")) == 9
 
 
-def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):
+def test_the_number_of_modes_is_limited_by_memory(monkeypatch):
     found = fdcal.load("tiny")
     monkeypatch.setattr("fdcal.solvers.requirements.LIMITS", dataclasses.replace(LIMITS, pairs=25 * found.count**2))
     assert mode_count(found.problem(), 36, False) == 25

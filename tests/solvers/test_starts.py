@@ -102,7 +102,7 @@ def test_the_shape_of_a_start_does_not_depend_on_the_unit_of_length():
 
 
 @pytest.mark.parametrize(("extent", "seen"), [(0.1, [3, 5]), (3.2, [])])
-def test_inverted_channels_are_seen_where_the_array_is_small_compared_with_the_wavelength(extent, seen):
+def test_inverted_channels_are_detected_if_the_array_is_small_compared_with_the_wavelength(extent, seen):
     x, sign = np.random.default_rng(6).uniform(0, extent, (12, 2)), np.where(np.isin(range(12), [3, 5]), -1, 1)
     problem = Measurement(FREQUENCIES, sign * waves(x, K, 40, 1, 0.01), 343.0).problem("unit")
     assert np.flatnonzero(starts.inverted(problem)).tolist() == seen
@@ -176,7 +176,7 @@ def test_a_wrong_given_position_moves_no_other_microphone_of_the_likeliest_candi
 
 
 @pytest.mark.parametrize("D", [2, 3])
-def test_an_array_is_laid_on_the_given_positions_that_agree(D):
+def test_an_array_is_aligned_with_the_given_positions_that_agree(D):
     rng = np.random.default_rng(D)
     x, turn = rng.normal(size=(7, D)), np.linalg.qr(rng.normal(size=(D, D)))[0]
     places = x @ turn + 3.0

@@ -350,7 +350,7 @@ def test_the_true_positions_stay_where_the_map_has_them(blind):
     np.testing.assert_allclose(off, blind.measurement.errors(state.positions, healthy), atol=1e-12)
 
 
-def test_nothing_is_moved_where_microphones_are_known_or_the_truth_is_not(work, blind):
+def test_nothing_is_moved_if_microphones_are_known_or_true_positions_are_unknown(work, blind):
     for run in (work, replace(blind, measurement=replace(blind.measurement, positions=None))):
         frame, view = DisplayFrame(run), run.session.view
         assert frame.view(view) is view

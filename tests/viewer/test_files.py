@@ -43,7 +43,7 @@ def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
-def test_the_name_of_a_file_is_a_name(viewer, name):
+def test_the_name_of_a_saved_file_is_valid(viewer, name):
     run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=name))
     found = exports.file_name(dataclasses.replace(viewer.snapshot, run=run), exports.KINDS[exports.PICTURE])
     assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)

@@ -274,7 +274,7 @@ def set_unusual_values(viewer):
 
 @pytest.fixture
 def opened(page_of):
-    """A page that shows `tiny` solved by descent, stopped at step 5 of 9 and set oddly."""
+    """A page that shows `tiny` solved by descent, stopped at step 5 of 9, with unusual settings."""
     page, turn_until = page_of
     scene = edited(load_scene(SMALL), {"solver.name": "descent"})
     page.open(OpenRequest(scene, start_seed=3))

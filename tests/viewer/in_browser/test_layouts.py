@@ -99,7 +99,7 @@ def test_the_legend_stands_on_the_canvas_below_the_map_and_tabs_in_one_row(exper
         for number in numbers.all()[:3]:
             at = number.bounding_box()
             value = x + (at["x"] + at["width"] / 2 - left) / (right - left) * 0.1
-            assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is where its place is"
+            assert value == pytest.approx(float(number.inner_text()), abs=0.004), "each number is at its value"
         for names, edge in ((RIGHT, size[0]), (LEFT, LEFT_WIDTH)):
             boxes = [expert.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
             assert len({box["y"] for box in boxes}) == 1

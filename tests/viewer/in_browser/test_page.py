@@ -59,7 +59,7 @@ def test_every_page_shows_one_session_and_its_address_whoever_sets_it(page, serv
     page.wait_for_function("location.hash.includes('microphone=3')")
     page.get_by_text("step 13, sweep 1").wait_for()
     other.wait_for_timeout(500)
-    assert "microphone=3" in other.evaluate("location.hash"), "who comes back leaves the session as it is"
+    assert "microphone=3" in other.evaluate("location.hash"), "a browser that returns changes nothing"
     other.evaluate("location.hash = 'microphone=8&map=none&scene=t%69ny'")
     page.wait_for_function("location.hash.includes('microphone=8')")
     other.close()
