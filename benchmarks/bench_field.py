@@ -1,4 +1,4 @@
-"""Cases of `benchmarks.field`, which were not chosen for the solver, through the command line.
+"""Calibrate the cases of `benchmarks.field`, which were not chosen for the solver, by the command line.
 
 FDCAL_BENCH_DRAWS is the number of cases of each family, 8 unless given; FDCAL_BENCH_FAMILIES names the families, all
 unless given, separated by commas; FDCAL_BENCH_SOLVER the solver, the default of fdcal unless given. FDCAL_BENCH_SEED, 0

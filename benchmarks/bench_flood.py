@@ -1,4 +1,4 @@
-"""How long another page waits while one sends 30,000 updates at once, or drags a microphone 200 times in a row."""
+"""How long a page waits while another sends 30,000 updates at once, or drags a microphone 200 times in a row."""
 
 import contextlib
 import itertools

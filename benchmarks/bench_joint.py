@@ -1,6 +1,6 @@
 """How long `joint` takes, from measurement to verdict, for array 1 and a ball, and how that depends on N and M.
 
-Everything is compiled before, and times are medians of REPEATS, of the processor and of the clock. For the comparison
+All code is compiled beforehand, and times are medians of REPEATS, of the processor and of the clock. For the comparison
 with descent, joint is timed until Eq. 7 at its positions, with the same frequencies and orders, is as low as at the end
 of descent. Each size is measured in a process of its own; its memory is the peak minus that before the run.
 """

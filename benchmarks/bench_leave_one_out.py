@@ -27,7 +27,7 @@ def run() -> Iterator[Figure]:
 
 
 def figures_of(name: str, snr: int) -> dict[str, Figure]:
-    """Return the figures at the positions that `joint` finds in draws of a scene, by short names."""
+    """Return the figures at the positions that `draws.SOLVER` finds in draws of a scene, by short names."""
     drawn = [draw(name, seed, MODES[name], snr) for seed in range(DRAWS)]
     outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
     reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]

@@ -1,4 +1,4 @@
-"""Calibrate a folder like MeshRIR's S1-M3969: some of its positions, none known, and a plane of it, four known.
+"""Calibrate a folder like MeshRIR's S1-M3969: 200 positions, none of them known, and a plane with four known ones.
 
 The folder is made by image sources (Allen and Berkley 1979), which share nothing with fdcal: a room of 7.0 x 6.4 x
 2.7 m whose walls reflect 0.72 of the pressure, 48 kHz, 32768 samples, sound up to 1.5 kHz, and noise 40 dB below.

@@ -12,8 +12,8 @@ from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "20"))
 MODES = 90
-SNR_DB = {60: None, 40: 1.3, 30: 1.3, 20: 1.3, 10: 1.3}  # and the largest RMS error allowed, over the bound
-AUTO_DB = 20  # at which the noise is estimated, too
+SNR_DB = {60: None, 40: 1.3, 30: 1.3, 20: 1.3, 10: 1.3}  # for each SNR the largest RMS error allowed, over the bound
+AUTO_DB = 20  # the SNR at which the noise is estimated, too
 
 
 def run() -> Iterator[Figure]:

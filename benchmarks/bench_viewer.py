@@ -1,9 +1,9 @@
 """How quickly the page answers while the solver runs, seen by the server itself and by a real browser.
 
-On the server's side times begin as a slider's message comes in and end when the main loop has published its effect
-to all pages (`benchmarks.watched`). A microphone is dragged twice: by the mouse of the browser, as fast as it sends
-events, and on the server, 60 times a second. Frames are counted in the browser. The first picture is timed from the
-command to the page's first microphones, the browser running already. FDCAL_WARM_ONLY leaves the cold start out.
+On the server, times begin when a slider's message comes in and end when the main loop has published its effect to all
+pages (`benchmarks.watched`). A microphone is dragged twice: by the mouse of the browser, as fast as it sends events,
+and on the server, 60 times a second. Frames are counted in the browser. The first picture is timed from the command to
+the page's first microphones, in a browser that is already running. FDCAL_WARM_ONLY leaves the cold start out.
 """
 
 import math
@@ -43,7 +43,7 @@ FRAMES = """seconds => new Promise(resolve => {
 })"""
 
 
-# When the browser has painted the largest picture of the page so far, and when viser has the relief, ms.
+# The times, ms, at which the browser has painted the first map of the film, and at which viser has the relief.
 PAINTED = """
 window.painted = {map: 0, relief: 0};
 new PerformanceObserver(list => {
@@ -58,7 +58,7 @@ look();
 """
 
 
-# When messages of the server have come, before viser reads them, and when a key was pressed last, ms.
+# The times, ms, at which messages of the server have come, before viser reads them, and of the last key pressed.
 ARRIVED = """
 window.arrived = [];
 window.pressed = 0;

@@ -35,7 +35,7 @@ FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
 DECAY = {2: 3.0, 3: 1.5}  # 1/s, decay of recordings of 4 s and 8 s under the exponential window
 FREE = 1000.0  # factor of the power of the field with which its coefficients are practically unknown
 LOST = 3.0  # error over the bound from which a draw is lost
-SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")  # or joint, of `exact`, `noise`, `rooms` and `mismatch`
+SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")  # or joint, for the benchmarks that use this module
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def source_of(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
 
 
 def eigenfrequencies(size, count: int, c: float, spaced: bool, lowest=20.0, highest=300.0, apart=1.0) -> np.ndarray:
-    """Return the `count` lowest of a rigid room, `apart` Hz apart; `spaced`: an even choice below `highest`."""
+    """Return the `count` lowest of a rigid room, Hz, `apart` Hz apart; `spaced`: an even choice below `highest`."""
     numbers = np.array(list(itertools.product(range(40), repeat=len(size))))
     every = np.sort(c / 2 * np.linalg.norm(numbers / np.array(size), axis=1))
     chosen = [0.0]

@@ -76,7 +76,7 @@ class Watch:
 
 
 def watch(log: Watch) -> None:
-    """Put the notes between the program's own calls."""
+    """Replace functions of the program by ones that also note events."""
     before, viewer_tick, page_tick = viser._gui_api.GuiApi._handle_gui_updates, Viewer.tick, Page.tick
 
     async def handle(self, client_id, message):

@@ -104,7 +104,7 @@ def label_of(name: str) -> str:
 
 
 SMALL = "small"
-LONG = 24  # characters of an entry of a legend above which a line has two entries, otherwise six
+LONG = 24  # characters: if an entry of a legend is longer, a line has two entries, otherwise six
 
 
 def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figure:
@@ -249,7 +249,7 @@ def write_report(
 
 
 def code_text(rows: pandas.DataFrame) -> str:
-    """Return a sentence that names the code of the rows of a study; of several, with the number of rows of each."""
+    """Return a sentence that names the code of the rows of a study, or each code and the number of its rows."""
     codes = [tuple(code) for code in rows[["version", "source", "commit"]].itertuples(index=False)]
     counts = Counter(str(CodeVersion(v, source, c if isinstance(c, str) else None)) for v, source, c in codes)
     if len(counts) == 1:

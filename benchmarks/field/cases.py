@@ -1,4 +1,4 @@
-"""From the description of a case to a measurement and the truth. Every draw is fixed by the seed."""
+"""Make a measurement and the truth from the description of a case. Every draw is fixed by the seed."""
 
 import io
 from collections.abc import Callable

@@ -20,7 +20,7 @@ APART = 0.5  # Hz between two eigenfrequencies that are both used
 
 @dataclass(frozen=True)
 class Shape:
-    """A room: cells of a tensor grid that are kept, then bent into straight slanted walls.
+    """A room: the cells of a tensor grid that are kept, then warped, so that walls are slanted.
 
     size : lengths of the grid, metres; keep(x, y) and warp(x, y) in metres; admittance(x, y) : specific, dimensionless;
     source, centre : (x, y) of the source and of the arrays, metres; damping : 1/s; frequencies : Hz, the

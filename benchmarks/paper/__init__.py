@@ -1,10 +1,8 @@
 """The figures of the paper and its results beside ours: `python -m benchmarks.paper -o FOLDER`.
 
-study     what each array needs: runs from several seeds, with several numbers of modes
-trails    runs of solvers, kept in the cache
+study     what the paper states, and runs of both arrays from several seeds, which are kept in the cache
 drawing   Figs. 2 to 5
 table     the table of results
-printed   what the paper states
 """
 
 import io
@@ -87,7 +85,7 @@ def pages(
 
 
 def landscapes(inputs: CalibrationInput):
-    """Return Fig. 1 of a scene; of another scene than the paper's, of its first unknown microphone and three modes."""
+    """Return Fig. 1 of a scene; for another scene than the paper's, of its first unknown microphone and three modes."""
     name, microphone, modes = LANDSCAPE
     problem = inputs.measurement.problem(inputs.settings.weights)
     if inputs.name != name:

@@ -1,4 +1,4 @@
-"""What the paper states about its two arrays, and runs of them: descent from several seeds, joint after it, and alone.
+"""What the paper states about its two arrays, and runs of descent and of joint from several seeds.
 
 A run is exact if every microphone ends on its true cell of the search lattice. Runs are kept in the cache as the
 positions after every sweep: one is used again if the problem, the settings, the start and the code of fdcal are the

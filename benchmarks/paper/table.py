@@ -33,7 +33,7 @@ def _table(array: Array, outcomes: tuple[Outcome, ...]) -> str:
 
 
 def _rows(array: Array, seeds: int):
-    """Return of every row its name, what the paper states, and a function from an outcome to text."""
+    """Return for every row its name, what the paper states, and a function from an outcome to text."""
     stated = PRINTED.get(array.name)
     return (
         ("frequencies needed for exact positions", f"{stated.modes}" if stated else "-", _needed),
