@@ -26,9 +26,8 @@ LOWEST, HIGHEST = 100.0, 4000.0  # Hz, default band
 OCTAVE = 2.0  # least ratio of the upper to the lower end of the default band
 QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which a window is in a pause
 # Least level of a frequency, relative to the highest level (-50 dB), and least squared coherence of a microphone with
-# another one, beyond that of independent noise; frequencies below these limits are not used. They
-# decrease the errors of a spiral of 64 microphones whose recordings end at 2 and 0.9 kHz from 7.9 to 6.5 and from 5.6
-# to 4.6 mm.
+# another one, beyond that of independent noise. Frequencies below these limits are not used. This decreases the errors
+# of a spiral of 64 microphones whose recordings end at 2 and 0.9 kHz from 7.9 to 6.5 and from 5.6 to 4.6 mm.
 STOPBAND, COHERENT = 1e-5, 0.03
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended

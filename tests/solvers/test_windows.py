@@ -80,6 +80,17 @@ def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
     assert near < 2.5 and 10 < far < 50
 
 
+def test_a_large_difference_that_the_estimates_claim_is_no_disagreement():
+    """Small variances along rotations, which two arrays of different shape define differently, are not counted."""
+    x = (rng := np.random.default_rng(5)).standard_normal((12, 3))
+    x -= x.mean(axis=0)
+    maps = 0.2 * np.array([np.kron(np.eye(12), one + one.T) @ x.ravel() for one in np.eye(9).reshape(9, 3, 3)])
+    bent = x + (rng.standard_normal(9) @ maps).reshape(12, 3) + 1e-3 * rng.standard_normal((12, 3))
+    own, fixed = (np.eye(36) - q @ q.T for q in (np.linalg.qr(rigid_motions(array))[0] for array in (x, bent)))
+    claimed = fixed @ (maps.T @ maps + 1e-8 * np.eye(36)) @ fixed
+    assert WindowTerm(x, 1e6 * own).disagreement(bent, claimed) == 1
+
+
 def room(x: np.ndarray, seconds: float, seed: int = 0) -> np.ndarray:
     """Return noise (N, T) from eighty directions, mainly horizontal, as in a room with absorbing floor and ceiling."""
     rng, samples = np.random.default_rng(seed), int(seconds * RATE)

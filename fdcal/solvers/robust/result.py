@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ...cost.likelihood import Terms
-from ...model.problem import MAX_COUNT, Problem
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import Reals
 from ..interface import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, TriedOptimum
@@ -27,6 +27,7 @@ from . import objective as objectives
 from .schedule import begin, refined
 from .spread import Claim, claim_of
 from .state import DIRECTION_UPDATES, FINAL, FREE_STEPS, GIVEN_SIGMA, STAGES, State
+from .windows import must_be_flat
 
 FIELD_ROUNDS = 3  # rounds in which `estimate_at` estimates the field; the second one finds a faulty channel
 
@@ -64,7 +65,7 @@ def result(problem: Problem, state: State) -> Estimate:
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=tried,
         window_ratio=0.0 if model.window_positions is None else model.window_ratio,
-        flat=model.window_positions is not None and D == 3 and N > MAX_COUNT[3],
+        flat=model.window_positions is not None and must_be_flat(state.positions),
     )
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.gauge import move_to_frame
-from ...model.problem import MAX_COUNT, Problem
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from .. import starts
@@ -174,17 +174,17 @@ def with_windows(problem: Problem, state: State) -> State | None:
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # otherwise all delays are free, and also absorb position errors of healthy channels
         counted &= np.abs(model.filters[:, 0]) < windows.MAX_DELAY
-    many = problem.array_dimension == 3 and len(counted) > MAX_COUNT[3]  # these must be flat
-    if not windows.usable(problem, state.positions, counted, many):
+    flat = windows.must_be_flat(state.positions)
+    if not windows.usable(problem, state.positions, counted, flat):
         return None
     # The windows and the long rows are compared without the given positions, which help to determine the array and
     # would hide how unreliable the pressures are.
     no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
     claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
     covariance = claim.spread.covariance
-    if many and windows.flat_evidence(state.positions, covariance) < windows.FLAT_NATS:
+    if flat and windows.flat_evidence(state.positions, covariance) < windows.FLAT_NATS:
         return None
-    term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted, many)
+    term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted, flat)
     if term is None:
         return None
     ratio = term.disagreement(state.positions, covariance)

@@ -116,15 +116,23 @@ class WindowTerm:
         used = np.diag(laid.precision) > 0
         away = (positions - laid.positions).ravel()[used]
         both = (np.linalg.pinv(laid.precision, rcond=1e-9, hermitian=True) + covariance)[np.ix_(used, used)]
-        values, vectors = np.linalg.eigh(both)
-        kept = values > ZERO * values[-1]
-        return max(1.0, float(np.mean((away @ vectors[:, kept]) ** 2 / values[kept])))
+        # The two arrays are turned onto each other. Where their shapes differ, the rotations of one are slightly
+        # different from those of the other, so that their sum would have small variances that mean nothing.
+        motions = rigid_motions(positions.ravel()[used].reshape(-1, positions.shape[1]))
+        shape = np.linalg.qr(motions, mode="complete")[0][:, motions.shape[1] :]
+        away, both = shape.T @ away, shape.T @ both @ shape
+        return max(1.0, float(away @ np.linalg.solve(both, away)) / len(away))
 
 
 def _turn(before: Reals, after: Reals) -> np.ndarray:
     """Return the rotation or reflection R (D, D) for which after - mean = (before - mean) R."""
     U, _, V = np.linalg.svd((before - before.mean(axis=0)).T @ (after - after.mean(axis=0)))
     return U @ V
+
+
+def must_be_flat(positions: Reals) -> bool:
+    """Return whether there are so many positions (N, D) in space that the windows are used only for a flat array."""
+    return positions.shape[1] == 3 and len(positions) > MAX_COUNT[3]
 
 
 def usable(problem: Problem, positions: Reals, counted: Bools, flat: bool = False) -> bool:
@@ -388,7 +396,7 @@ def plane_axes(positions: Reals) -> np.ndarray:
 def flat_evidence(positions: Reals, covariance: Reals) -> float:
     """Return the log evidence, nats, for a flat array, relative to one that is not flat.
 
-    h are the heights of positions (N, 3), metres, over the plane of least squares and C is their covariance, both
+    h are the heights of positions (N, 3), metres, above the plane of least squares and C is their covariance, both
     without motions of the plane. If the heights of an array that is not flat have the sigma s, the evidence is
 
         [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
