@@ -101,8 +101,7 @@ def test_the_legend_says_by_how_much_ellipses_are_enlarged(scene, measurement, e
     axes = np.tile(half_axis * np.eye(2), (8, 1, 1))
     scale = overlays.ellipse_scale(axes, 0.5)
     picture = overlays.with_ellipses(compose(scene, measurement, estimate), estimate, axes, scale=scale)
-    text = legend_of(picture)[-1].text
-    said = re.search(r"drawn ([\d]+) times larger", text)
+    said = re.search(r"drawn ([\d]+) times larger", legend_of(picture)[-1].text)
     assert (said is None) == (scale == 1) and (scale == 1 or float(said[1]) == scale)
     rim = next(part for part in picture.lines if part.name == "ellipses").segments[:, 0, :2]
     reach = np.linalg.norm(rim.reshape(-1, 8, 2)[:, 0] - estimate[0], axis=1)

@@ -94,8 +94,7 @@ RANGES = [  # each case changes one key
     ],
 )
 def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
-    path = edited(changes)
-    assert_refused(words, lambda: positions_of(load_scene(path)))
+    assert_refused(words, lambda: positions_of(load_scene(edited(changes))))
 
 
 @pytest.fixture
@@ -132,8 +131,7 @@ def boxed(tmp_path):
     ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
 ])  # fmt: skip
 def test_bad_scene_in_space_names_key_value_and_remedy(boxed, changes, words):
-    path = boxed(changes)
-    assert_refused(words, lambda: measure(load_scene(path)))
+    assert_refused(words, lambda: measure(load_scene(boxed(changes))))
 
 
 def test_in_space_search_and_known_microphones_may_be_left_out(boxed):

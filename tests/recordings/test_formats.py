@@ -491,8 +491,7 @@ def test_clipped_peaks_are_found_even_if_they_are_short(tmp_path):
 
 
 def test_sound_near_full_scale_is_not_called_clipped(tmp_path):
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal((16, 200_000))
+    noise = np.random.default_rng(0).standard_normal((16, 200_000))
     for size, subtype in ((0.9, "PCM_16"), (30 / 32768, "PCM_16"), (5 / 32768, "PCM_16"), (1.0, "PCM_24")):
         assert clipped(noise / np.abs(noise).max() * size, subtype, tmp_path / "a.wav") == []
     loop = np.tile(noise[:4, :5000], (1, 20))
@@ -563,8 +562,7 @@ def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize("moved", [False, True], ids=["receivers side by side", "one that is moved"])
 @pytest.mark.parametrize("convention", CONVENTIONS)
 def test_every_convention_is_read(convention, moved, tmp_path, capfd):
-    path = written(tmp_path / "a.sofa", convention, moved, in_degrees=True)
-    recording = formats.read(path)
+    recording = formats.read(written(tmp_path / "a.sofa", convention, moved, in_degrees=True))
     assert np.allclose(recording.positions, PLACES)
     assert np.allclose(read_samples(recording, 0, T), SAMPLES)
     assert capfd.readouterr() == ("", ""), "the library prints nothing"

@@ -49,8 +49,7 @@ def test_a_response_gives_its_transform():
 
 
 def test_a_recording_cut_while_the_room_rings_is_weighted_and_has_no_noise_estimate():
-    cut = responses()[:, :400]  # a tenth of a second
-    taken = pressures_of(cut)
+    taken = pressures_of(responses()[:, :400])
     s = SPEED * -taken.wavenumbers[0].imag
     assert s > 10
     assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, s)) < -60)

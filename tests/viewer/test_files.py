@@ -36,8 +36,7 @@ def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
     monkeypatch.setattr(viewer.tabs.export.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)
     session.view = view_of([State(viewer.run.measurement.positions + 0.02, step=9)])
-    client = SimpleNamespace(add_notification=lambda *_, **__: None)
-    viewer.tabs.export.save(client)
+    viewer.tabs.export.save(SimpleNamespace(add_notification=lambda *_, **__: None))
     ((_, kind, moment),) = asked
     assert "step 0" in caption_of(moment) and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
 

@@ -103,8 +103,7 @@ def test_the_spectrum_shows_the_modes_of_the_map(server, measurement, work):
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     assert "beyond" not in tab.text.content
     map_.choose_modes([1, 6])
-    spread = State(10 * work.measurement.positions)  # a larger array resolves lower frequencies only
-    tab.show(PageState(view_of([spread])))
+    tab.show(PageState(view_of([State(10 * work.measurement.positions)])))
     assert "beyond" in tab.text.content and "300.0 Hz" in tab.text.content
     server.gui.reset()
 
