@@ -34,7 +34,7 @@ def run() -> list[Figure]:
 
 
 def waits(page: ProtocolPage, count: int | None, stop: threading.Event | None = None) -> list[float]:
-    """Return `count` times, s, in which the scene changes its colours, or those until `stop` is set."""
+    """Change the colours of the scene `count` times, or until `stop` is set; return how long each change takes, s."""
     found = []
     for n in itertools.count() if count is None else range(count):
         if stop is not None and stop.is_set() and found:

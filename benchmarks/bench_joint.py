@@ -211,7 +211,7 @@ def peak() -> float:
 
 
 def report_size(count: int, modes: int) -> None:
-    """Print seconds of the clock and of the processor, seconds of one step, MB in addition, and the error, metres."""
+    """Print wall time, processor time, and that of one step, s; the growth of memory, MB; and the error, metres."""
     for _ in range(2):
         calibrated(measured(24, 16), "none", 16)  # compiles, or reads what was compiled
     measurement, before = measured(count, modes), peak()

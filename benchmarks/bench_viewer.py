@@ -169,7 +169,7 @@ def _round_trips(browser) -> list[Figure]:
         page.locator("[data-do=modes]").wait_for()
         mapped = []
         for count in range(10, 10 + MOVES):
-            page.wait_for_timeout(3e3)  # until the fine map of the modes before has come
+            page.wait_for_timeout(3e3)  # until the fine map of the previous modes has come
             mapped.append(page.evaluate(MODES_TO_MAP, count))
         page.close()
     own, whole = statistics.median(echoed), statistics.median(mapped)

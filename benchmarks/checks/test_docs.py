@@ -94,7 +94,7 @@ NAMED = {
 
 
 @pytest.mark.parametrize(("text", "entry", "names"), NAMED.values(), ids=NAMED)
-def test_a_page_describes_all_that_there_is(text, entry, names):
+def test_a_page_has_an_entry_for_every_name(text, entry, names):
     assert names and [name for name in names if entry.format(name) not in text] == []
 
 

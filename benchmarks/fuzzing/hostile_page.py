@@ -130,7 +130,7 @@ def page_faults(first: int, count: int) -> list[str]:
                         _require_answer(page, case // CASES_PER_CHECK % 2 == 1)
                     except (TimeoutError, ConnectionClosed) as error:
                         return [f"page, cases {case + 1 - CASES_PER_CHECK} to {case}: {error}"]
-                    connections.close()  # until now: the main loop places the cameras of those that are connected
+                    connections.close()  # only now, because the main loop places the cameras of connected pages
         found = [f"page, cases {first} to {first + count - 1}: {line}" for line in served.complaints()]
         if served.memory() - memory > GROWTH:
             found.append(f"page, cases {first} to {first + count - 1}: more than 1 GB")

@@ -104,7 +104,7 @@ def _array(content: bytes, rng: np.random.Generator) -> bytes:
     try:
         with np.errstate(all="ignore"):
             np.save(file, change(np.load(io.BytesIO(content), allow_pickle=False), rng))
-    except Exception:  # it does not suit this array, or is none
+    except Exception:  # the change does not suit this array, or the content is no array
         return _bytes(content, rng)
     return file.getvalue()
 
@@ -209,7 +209,7 @@ def broken_structure(content: bytes, rng: np.random.Generator) -> bytes:
             change, name = CHANGES[int(rng.integers(len(CHANGES)))], names[int(rng.integers(len(names)))]
             try:
                 content = restructured(content, change, name, rng)
-            except Exception:  # it does not suit this dataset, as it is after the change before
+            except Exception:  # the change does not suit this dataset after the previous change
                 continue
         if rng.random() < 0.6:
             return content

@@ -399,7 +399,7 @@ def test_a_study_whose_calibrations_are_all_refused_says_so_and_does_not_end_lik
     assert f"refused 1 of {study.count}" in capsys.readouterr().out
 
 
-def test_a_field_that_points_of_a_draw_share_changes_no_measurement(tmp_path, monkeypatch):
+def test_computing_a_field_once_for_all_points_of_a_draw_changes_no_measurement(tmp_path, monkeypatch):
     """The noise differs between points; the radius changes the field itself."""
     path = tmp_path / "study.toml"
     path.write_text(

@@ -77,7 +77,7 @@ def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_calibration_that_is_ended_writes_its_best_positions_so_far(number, tmp_path, monkeypatch):
+def test_a_calibration_that_a_signal_ends_writes_its_best_positions_so_far(number, tmp_path, monkeypatch):
     @contextlib.contextmanager
     def bar(title):
         yield lambda done, note="": os.kill(os.getpid(), number) if "sweep 2" in note else None

@@ -40,7 +40,7 @@ def test_the_fit_without_a_microphone_gives_eq_7_with_it_anywhere():
 
 
 @pytest.mark.parametrize("order", [3, 6])
-def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(order):
+def test_with_fewer_places_than_functions_the_fit_is_the_mean_at_each_place(order):
     """Seven functions fit any pressures at five places; only differences within one place remain."""
     at, k = np.arange(20) % 5, PROBLEM.wavenumbers[[0, 4, 8]]
     p = PROBLEM.pressures[[0, 4, 8]][:, :20]

@@ -170,7 +170,7 @@ TAKES = np.array([0, 1, 0])
 @pytest.mark.parametrize("count", [0.0, 0.5])
 @pytest.mark.parametrize(("dimension", "D", "microphones", "damping"), CASES)
 def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping, count):
-    """In a row S becomes S (|alpha|^2 / s + var), by the explicit covariance; then it nears that of its take."""
+    """The powers S of a row become S (|alpha|^2 / s + var), computed explicitly, and are averaged with their take's."""
     x, p, k, tau, powers = drawn(dimension, D, microphones, damping)
     about, w = x + 0.05, wave_directions(dimension, powers.shape[1])[1]
     powers /= (powers @ w)[:, None]

@@ -93,7 +93,7 @@ def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_the_vertical_is_the_axis_of_least_sound_of_an_array_that_lies_or_stands(dimension):
+def test_the_vertical_is_the_axis_of_least_sound_for_a_level_an_upright_and_a_spatial_array(dimension):
     rng = np.random.default_rng(3)
     field = replace(some_field(rng), spectrum=np.array([0.2, -0.1, 0.0, 0.0, -0.3, 0.0, 0.14]))
     field.positions[:, dimension:] = 0

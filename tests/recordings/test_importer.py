@@ -67,7 +67,7 @@ def test_the_decay_is_estimated_in_noise():
     assert 0.2 < decay.tail < 0.5
 
 
-def test_a_sweep_only_decays_when_it_is_over():
+def test_the_decay_is_estimated_after_the_end_of_a_sweep():
     t = np.arange(4 * FS) / FS
     played = np.where(t < 2, np.sin(2 * np.pi * 60 * 2 * (5 ** (t / 2) - 1) / np.log(5)), 0.0)  # 60 to 300 Hz in 2 s
     loud = np.exp(-0.5 * t)  # the room answers high frequencies less
@@ -395,7 +395,7 @@ def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels)
         import_recording(folder, ImportOptions(known=known, array_dimension=2))
 
 
-def test_channels_exchanged_end_with_5_whatever_the_verdict(monkeypatch):
+def test_exchanged_channels_give_exit_code_5_whatever_the_verdict(monkeypatch):
     class Compared:
         agrees = fits = False
 

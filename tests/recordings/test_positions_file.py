@@ -197,7 +197,7 @@ def exchanged(tmp_path):
     return written(tmp_path, f"<MicArray>{''.join(rows)}</MicArray>")
 
 
-def test_exchanged_channels_are_found_with_the_positions_of_a_file_also_of_a_part_of_them(exchanged, capsys):
+def test_exchanged_channels_are_found_by_a_list_although_some_channels_are_left_out(exchanged, capsys):
     exit_code("calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", exchanged)
     assert "3 (Point 3) and 10 (Point 10) are swapped" in capsys.readouterr().out
 
@@ -222,7 +222,7 @@ def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path
     (lambda x: x + 0.25 * (np.eye(16)[8][:, None] * [0.6, 0.8]), r"8 \(M09\) is 250 mm from its listed position"),
     (lambda x: x[sorted(range(16), key=lambda n: str(n + 1))], r".*: its rows are sorted as text .*"),
 ])  # fmt: skip
-def test_a_list_that_is_off_in_size_or_in_one_row_is_named_with_the_names_of_its_own(tmp_path, capsys, change, said):
+def test_a_list_with_its_own_names_that_is_wrong_in_size_a_row_or_order_is_described(tmp_path, capsys, change, said):
     places = change(np.asarray(fdcal.load("tiny").positions))
     positions = write_places(tmp_path / "list.csv", places, [f"M{n:02d}" for n in range(1, 17)])
     assert exit_code("calibrate", "tiny", "--known", "none", "--check", "--positions", positions) == 5
@@ -268,7 +268,7 @@ def test_a_list_of_positions_in_an_unknown_format_is_refused(tmp_path, capsys):
     assert "is not a list of positions; give a file .cfg, .csv" in capsys.readouterr().err
 
 
-def test_a_list_without_check_points_to_it(exchanged, capsys):
+def test_a_list_without_the_option_check_gives_a_hint_to_that_option(exchanged, capsys):
     exit_code("calibrate", "tiny", "--modes", "12", "--positions", exchanged)
     assert "add --check" in capsys.readouterr().out
 

@@ -135,7 +135,7 @@ def test_a_scene_without_noise_and_one_in_a_measured_room_come_back_too(name, fe
 
 
 class Trap:
-    """Unpickled, it would write to a file."""
+    """An object that would write to a file if it were unpickled."""
 
     def __reduce__(self):
         return (open, ("/tmp/fdcal-trap", "w"))

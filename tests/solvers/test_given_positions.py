@@ -136,7 +136,7 @@ def test_a_wrong_sound_speed_is_reported_and_no_position_is_blamed(healthy):
         assert "a given position or the sound speed is wrong" in end.assessment.message
 
 
-def test_a_wrong_position_and_a_wrong_sound_speed_that_explain_as_much_are_not_distinguished():
+def test_a_wrong_position_and_a_wrong_sound_speed_with_equally_good_fits_are_not_distinguished():
     """Three positions determine few lengths, so that with noise either explanation is possible."""
     three = measured(array(), KNOWN[:3], snr_db=40.0, modes=MODES)
     found = solved(given(three, [[0, 0], [0.04, -0.02], [0, 0]]), "joint").assessment

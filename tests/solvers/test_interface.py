@@ -14,7 +14,7 @@ from fdcal.model.settings import Search, SolverSettings
 
 
 @pytest.mark.parametrize("name", ["descent", "joint", "robust"])
-def test_modes_set_by_the_user_stay_until_the_end_and_others_than_were_measured_are_refused(name):
+def test_modes_set_by_the_user_stay_until_the_end_and_modes_that_were_not_measured_are_refused(name):
     solver = solvers.load(name)
     state = solver.use_modes(PROBLEM, solver.init(PROBLEM, replace(SETTINGS, name=name), 0), 3, 12, automatic=False)
     for after in run_from(solver, PROBLEM, state):

@@ -152,7 +152,7 @@ def test_given_positions_do_not_raise_the_weight_of_the_rows(fewer, small_array)
     assert alone > 1.2 and beside == pytest.approx(alone, rel=0.1)
 
 
-def test_delays_that_all_channels_share_leave_the_windows_and_one_of_a_faulty_channel_does_not(fewer, small_array):
+def test_windows_are_used_if_all_channels_share_a_delay_and_leave_out_a_late_channel(fewer, small_array):
     every = np.tile([0.05, 0.0], (8, 1))  # metres, more than a window's
 
     def at_delays(delay_sigma: float, filters: np.ndarray):

@@ -63,7 +63,7 @@ def test_values_set_by_the_program_are_no_commands_and_the_mode_sliders_never_cr
     assert panel.solver.refusal.content == "", "the slider has gone back"
 
 
-def test_choosing_a_microphone_stops_following_the_solver_until_that_is_asked_for(controls):
+def test_choosing_a_microphone_stops_following_the_solver_until_following_is_switched_on(controls):
     panel, session = controls
     assert panel.binding.choices.follow
     set_by_client(panel.map.microphone, 7)
@@ -285,7 +285,7 @@ def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, meas
     turn_until(lambda: "data-do='opened' aria-pressed='true'" in sheet.content)
 
 
-def test_a_scene_as_in_the_paper_opens_with_its_method_at_a_random_start_and_others_with_their_own():
+def test_scenes_of_the_paper_open_with_descent_at_a_random_start_and_others_with_their_own_solver():
     for name, method in (("array1_circle", "descent"), ("fig1_square", "descent"), ("array2_faults", "robust"),
                          ("two_places", "robust"), ("ball3d", "robust"), ("frl_array", "robust")):  # fmt: skip
         solver = scene_request(load_scene(name)).scene.solver
@@ -308,7 +308,7 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and "log-likelihood" in label())
 
 
-def test_the_bar_says_that_a_method_restarts_and_why_one_is_not_possible(tiny_page):
+def test_the_bar_says_that_a_method_restarts_and_why_a_method_is_not_possible(tiny_page):
     page, turn_until = tiny_page
     bar, run = page.panels.overlay._regions["bar"], page.viewer.run
     turn_until(lambda: bar.content.count(f"title='{NEW_RUN}'") == 1)

@@ -250,7 +250,7 @@ def test_in_space_it_falls_along_its_path_to_a_lower_cost(page_of, monkeypatch):
     assert np.all(np.diff(path.costs) < 0) and path.points[-1][2] != start[2]
 
 
-def test_the_words_of_a_drop_and_their_button_stay_where_the_session_answers_late(server, work):
+def test_the_words_of_a_drop_and_their_button_stay_when_the_session_answers_late(server, work):
     """The session answers after PATIENCE; only a move by the solver or the user removes the words."""
     binding, overlay = Binding(server.gui, work, 6), Overlay(server.gui)
     binding.choose(microphone=9, follow=False)

@@ -192,7 +192,7 @@ def test_each_browser_plays_the_film_and_leaves_the_others_and_the_session_alone
     assert not second.locator(f"{FILM_NODE} p").is_visible(), "a picture: there is nothing to drag in it"
     second.wait_for_function("window.__viserMutable?.nodeRefFromName?.['/microphones/true'] != null")
     second.wait_for_timeout(1000)
-    assert second.evaluate("location.hash") == "", "one that is loaded again begins with the film"
+    assert second.evaluate("location.hash") == "", "a page that is loaded again begins with the film"
     second.keyboard.press("Shift")
     assert second.evaluate(f"{FILM}.className") == "", "a key that types nothing is no touch"
 

@@ -89,7 +89,7 @@ def test_each_kind_of_file_is_opened_with_its_report_and_a_fault_is_one_line(own
     assert len(own.opened) == 3
 
 
-def test_names_stay_in_the_folder_and_neither_more_bytes_nor_other_roles_are_taken(own, monkeypatch):
+def test_names_stay_in_the_folder_and_neither_more_bytes_nor_other_roles_are_accepted(own, monkeypatch):
     folder = Path(own.made._folder.name)
     own.begin("elsewhere", "one.wav", 10)
     for name in ("../../evil.wav", "/etc/passwd", "..\\..\\x.wav", "\x1b]0;x\x07.wav", ".hidden", ""):

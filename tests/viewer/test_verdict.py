@@ -88,7 +88,7 @@ def test_faulty_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_
 
 
 @pytest.mark.parametrize("verdict", [None, "good", "model_mismatch"])
-def test_no_layout_says_of_a_run_what_the_verdict_on_it_contradicts(verdict, work):
+def test_no_layout_contradicts_the_verdict_on_a_run(verdict, work):
     measurement, sought = work.measurement, work.sought
     view = view_of([State(measurement.positions, finished=True, converged=False)])
     found = None if verdict is None else assessment(verdict, "")
