@@ -517,7 +517,7 @@ def _of_scenarios(scenarios: list[Scenario], seed: int) -> list[dict]:
 
 
 def _living_rooms(n: int, counts: list[int], seed: int) -> list[dict]:
-    """Living rooms of the study, drawn anew for each case, with one of `counts` microphones and 25 to 40 dB."""
+    """Living rooms of the study, drawn separately for each case, with one of `counts` microphones and 25 to 40 dB."""
     base, out = calibration_study().scenario("living room, ball 32"), []
     for i in range(n):
         r = np.random.default_rng([900, 26, seed, i])
