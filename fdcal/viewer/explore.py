@@ -286,8 +286,9 @@ class Explore:
         step = "Step"  # the label of the button describes the next step
         if not running and not state.finished:
             n = state.next_microphone(viewer.run.problem)
-            one = f"Move microphone {escape(measurement.names[max(n, 0)])} to its lowest point"
-            step = one if n >= 0 else "Move all microphones by one step"
+            step = "Move all microphones by one step"
+            if n >= 0:
+                step = f"Move microphone {escape(measurement.names[n])} to its lowest point"
         # the map may lack frequencies that the solver uses
         modes = binding.choices.modes or (viewer.wanted and viewer.wanted.modes)
         modes = modes or tuple(range(state.first, state.last + 1))

@@ -130,7 +130,7 @@ function drawRelief(pen, project) {
 
 function drawMap(pen, project) {
   if (reliefShown()) { drawRelief(pen, project); return; }
-  const [x, y] = landscapes.corner, [wide, deep] = landscapes.edge, dpr = window.devicePixelRatio || 1;
+  const [x, y] = landscapes.corner, [wide, deep] = landscapes.edge;
   const [p, right, up] = [[x, y + deep, z0], [x + wide, y + deep, z0], [x, y, z0]].map(project);
   pen.save();
   pen.transform((right[0] - p[0]) / map.image.width, (right[1] - p[1]) / map.image.width,

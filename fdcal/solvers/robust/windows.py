@@ -116,8 +116,8 @@ class WindowTerm:
         used = np.diag(laid.precision) > 0
         away = (positions - laid.positions).ravel()[used]
         both = (np.linalg.pinv(laid.precision, rcond=1e-9, hermitian=True) + covariance)[np.ix_(used, used)]
-        # The two arrays are turned onto each other. Where their shapes differ, the rotations of one are slightly
-        # different from those of the other, so that their sum would have small variances that mean nothing.
+        # Each covariance is zero along the rotations of its own array. If the shapes differ, these are not the same
+        # moves, and the sum of the covariances is small, but not zero, along them. This is no knowledge of the shape.
         motions = rigid_motions(positions.ravel()[used].reshape(-1, positions.shape[1]))
         shape = np.linalg.qr(motions, mode="complete")[0][:, motions.shape[1] :]
         away, both = shape.T @ away, shape.T @ both @ shape
