@@ -161,13 +161,13 @@ def test_nothing_is_computed_before_someone_asks_and_the_slider_shows_how_many_m
 
 def test_another_state_stops_the_sweep_and_makes_its_counts_invalid(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, slow = viewer.tabs.sweep, sweeping.cost_map
+    sweep, quick = viewer.tabs.sweep, sweeping.cost_map
+    monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), quick(*args))[1])
     for _ in range(2):  # the first press plays, the second one pauses; the maps are made
         set_by_client(sweep.play, True)
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 frequencies" in viewer.tabs.map.caption.content and sweep._plot.folder.visible)
     turn_until(lambda: np.flatnonzero(sweep._plot.data[2] > 0).tolist() == [2])  # the point of this sum
-    monkeypatch.setattr(sweeping, "cost_map", lambda *args: (time.sleep(0.2), slow(*args))[1])
     set_by_client(sweep.order, "Highest first")
     set_by_client(sweep.highest, 19)
     turn_until(lambda: sweep.made is not None and 2 <= len(sweep.made.frames) < 19)

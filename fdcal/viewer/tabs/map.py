@@ -357,7 +357,8 @@ class SweepTab(Tab):
         binding.send(self.summed, self._count())
         binding.send(self.single, self.alone)
         self.text.content = html.remark(ADVICE) if error is None else html.complaint(error)
-        self._plot.folder.visible = sweep is not None  # a sweep of another state has no curve
+        # A sweep of another state has no curve, and a new one has none before its first map.
+        self._plot.folder.visible = sweep is not None and bool(sweep.frames)
         if sweep is not None and sweep.frames:
             minima = tuple(0 if one.minima is None else one.minima.count for one in sweep.frames[:])
             summed = first_of(sweep.request.modes, choices.modes or ())  # 0 where the map is another sum
