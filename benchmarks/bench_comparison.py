@@ -11,6 +11,7 @@ processor time.
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -199,9 +200,11 @@ def run(chosen: tuple[int, ...] = tuple(range(len(ROWS)))) -> Iterator[str]:
             each = np.array([found[n] for found, _, _ in results])
             lost = np.where(np.isnan(each), np.inf, each)  # a method that finds no array in a draw has lost it
             cells.append("" if np.isinf(lost).all() else f"{np.median(lost):.1f} ({lost.max():.0f})")
-        good = sum(verdict == "good" for _, _, verdict in results)
+        verdicts = Counter(verdict for _, _, verdict in results)
+        counts = [f"{verdicts.pop('good', 0)} of {DRAWS} `good`"]
+        counts += [f"{count} `{code}`" for code, count in verdicts.most_common()]
         where = f"{row.microphones} | {row.reverberation:g} s | {row.sound} | {row.takes}"
-        yield f"| {where} | " + " | ".join(cells) + f" | {good} of {DRAWS} `good` |"
+        yield f"| {where} | " + " | ".join(cells) + f" | {', '.join(counts)} |"
     yield "| seconds | | | | " + " | ".join(f"{s:.1f}" for s in np.mean(taken, axis=0)) + " | |"
 
 

@@ -18,7 +18,12 @@ def main():
 @click.argument("methods", nargs=-1, metavar="[module:method]...")
 @click.option("--only", metavar="TEXT", default="", help="Only cases whose name contains this text.")
 @click.option(
-    "--draws", type=click.IntRange(1, DRAWS), default=1, show_default=True, metavar="N", help="Draws of each family."
+    "--draws",
+    type=click.IntRange(1, DRAWS),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Draws of each simulated case.",
 )
 @click.option("--reference", is_flag=True, help="Compute the reference results again.")
 def run(methods, only, draws, reference):
