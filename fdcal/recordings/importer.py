@@ -357,7 +357,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         even = f"{counts[0]}" if len(set(counts)) == 1 else f"{min(counts)} to {max(counts)}"
         f = measurement.frequencies
         lines = [
-            f"takes        {len(takes)} of {count} channels",
+            f"takes        {len(takes)}, each of {count} channels",
             f"frequencies  {even} per take, {len(f)} in all, {f[0]:.1f} to {f[-1]:.1f} Hz",
             left_out,
         ]
@@ -391,8 +391,8 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         lines += [f"array        in space; if all microphones stand at {plane}"]
     if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
-        scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
-        lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, exact to about {scatter}"]
+        of = f"{np.sum(found)} of {found.size} channels of all takes"
+        lines += [f"arrivals     direct sound in {of}, exact to about {1e3 * measurement.sound_speed * sigma:.1f} mm"]
     if (windows := measurement.windows) is not None:
         groups, largest, _ = windows.pressures.shape
         of = f"up to {largest} of {1e3 * windows.length:g} ms at each of {groups} frequencies"

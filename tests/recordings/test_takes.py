@@ -72,7 +72,7 @@ def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     run("import", *files, "-o", "m.npz", "--sound-speed", SPEED, "--array-radius", "0.5", "--max-rows", 120)
     printed = capsys.readouterr().out
-    assert f"takes        3 of {COUNT} channels" in printed and f"{len(together.frequencies)} in all" in printed
+    assert f"takes        3, each of {COUNT} channels" in printed and f"{len(together.frequencies)} in all" in printed
     assert "take 2" in printed and "take2.wav: 0.6 s" in printed
     same(fdcal.load("m.npz"), together)
 
