@@ -1,4 +1,4 @@
-"""How more source positions reduce the error if takes divide the frequencies of an import: 64 microphones, a hall.
+"""How more takes reduce the error if they divide the frequencies: 64 microphones in a living room, 32 in a hall.
 
 No position is given; one, two and four takes of 8 s of noise at 30 dB, as in `fdcal_bench`. The table has the expected
 and the least error of `fdcal plan` beside the RMS error of FDCAL_BENCH_DRAWS draws, 4 unless given.

@@ -33,7 +33,7 @@ GEO3 = ["ball", "sphere", "cube", "shell", "slab"]
 
 @family(70)
 def clean2d(n):
-    """Random draws over everything that is allowed, SNR >= 30 or none."""
+    """Random draws in the plane at 30 to 60 dB."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 1, i])
@@ -108,7 +108,7 @@ def small2d(n):
 
 @family(24)
 def big2d(n):
-    """Arrays 1.8..3 m that span most of a room, many wavelengths."""
+    """Arrays of 2 to 3 m that span most of a room, many wavelengths."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 4, i])
@@ -244,7 +244,7 @@ def channels(n):
 
 @family(32)
 def global2d(n):
-    """Faults of all channels: sound speed, wavenumbers, wrongly reported noise, common hum, drift, two sources."""
+    """Faults of all channels: sound speed, wavenumbers, wrongly reported noise, common hum, drift."""
     out = []
     F = [
         ["sound_speed", 0.01],
@@ -389,7 +389,7 @@ def line3d(n):
 
 @family(24)
 def blindcircle(n):
-    """Blind arrays on one or two rings, for which the claimed sigma is too small."""
+    """Blind arrays on a circle, for which the claimed sigma is too small."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 20, i])
@@ -437,13 +437,13 @@ def knownnear(n):
 
 @family(12)
 def knownline3(n):
-    """Three known microphones on nearly one line, 2-D."""
+    """Arrays as in `knownnear`, with three known microphones far apart."""
     return [dict(s, known=3, neighbours=False, seed=522000 + i) for i, s in enumerate(knownnear(n))]
 
 
 @family(24)
 def ball3d_more(n):
-    """24 to 48 microphones in wide arrays in space, some known, 45 to 60 frequencies: whether sigma is right."""
+    """24 to 40 microphones in wide arrays in space, some known, 45 to 60 frequencies: whether sigma is right."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 23, i])
@@ -486,7 +486,7 @@ def gainest(n):
 
 @family(16)
 def oneaway(n):
-    """One bad channel in a sparse array: delay 0.2..1 ms, polarity or 6 dB, noise estimated."""
+    """One bad channel in a sparse array: a delay of 0.2 to 1 ms, inverted polarity, or a gain of 6 dB."""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 25, i])
