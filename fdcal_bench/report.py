@@ -370,10 +370,10 @@ there is a bias.
 An array is *right* where its error (root mean square) is below 5 mm, or three times the Cramer-Rao bound of a diffuse
 field. *Good and wrong*: the verdict is `good`, and the error is above 5 mm and three claimed sigmas, or that of one
 microphone above 10 mm and five. *Accused*: healthy channels that are named as faulty, and given positions that are
-right (to the error of the tape) and named as wrong. *Found*: channels with a fault, and wrong given positions, that are
+right (to the error of the tape) and named as wrong. *Named*: channels with a fault, and wrong given positions, that are
 named. *Refused*: draws that fdcal refuses to calibrate, with the reason; they are neither right nor wrong.
 
-| scenario | draws | refused | right | right and good | good | good and wrong | accused | found |
+| scenario | draws | refused | right | right and good | good | good and wrong | accused | named |
 |---|---|---|---|---|---|---|---|---|
 """
 
