@@ -212,10 +212,10 @@ def load_archive(path: Any, wanted: Callable[[str], bool], called: object = "") 
             # A compressed member unpacks to at most the size stated in the directory; a stored one is part of the file.
             stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
             packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
-            if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
-                problem = (
-                    f"it has {packed + stored:.3g} bytes when decompressed, and the limit is {LIMITS.unfolded:.3g}"
-                )
+            if stored > file.seek(0, os.SEEK_END):
+                raise InputError(f"its arrays should have {stored:,} bytes, more than the file has", "copy it again")
+            if packed > LIMITS.unfolded:
+                problem = f"it has {packed:.3g} bytes when decompressed, and the limit is {LIMITS.unfolded:.3g}"
                 raise InputError(problem, "write it with numpy.savez, which does not compress")
             file.seek(0)
             with np.load(file, allow_pickle=False) as archive:
