@@ -124,7 +124,7 @@ def sources_of(file, measurements: int) -> np.ndarray:
 
 
 def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
-    """Return the names of the variables, Data.IR, or Data.Real and Data.Imag, their shape by AXES, and their axes."""
+    """Return the names of the data variables, a dictionary of lengths by the letters of AXES, and the order of axes."""
     names = ["Data.Real", "Data.Imag"] if "Data.Real" in file.variables else ["Data.IR"]
     found = [file.variables.get(name) for name in names]
     if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
@@ -164,7 +164,7 @@ def delays_of(file, shape: dict[str, int], emitter: int) -> np.ndarray:
         raise InputError(f'"Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
     delay = np.broadcast_to(delay - delay.min(), count)
     if np.abs(delay - np.round(delay)).max() > WHOLE_DELAY or delay.max() > MAX_DELAY:
-        problem = f'"Data.Delay" differs by {delay.max():g} samples, which is not a whole number'
+        problem = f'"Data.Delay" differs by up to {delay.max():g} samples, not by whole numbers up to {MAX_DELAY:,}'
         raise InputError(problem, "write the responses with their delays included", key="Data.Delay")
     return np.round(delay).astype(np.int64)
 

@@ -57,7 +57,7 @@ class Patched(io.FileIO):
 
 
 def _with_length(path: Path) -> dict[int, bytes]:
-    """Return changes for `Patched` after which the sound ends at the end of the file; {} if they are unknown."""
+    """Return changes for `Patched` that make the sound end with the file; {} if sound is missing or none are known."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         magic = file.read(4)
