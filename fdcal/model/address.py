@@ -61,7 +61,7 @@ def parse_address(text: str) -> dict[str, str]:
     for key, value in parse_qsl(text.strip().removeprefix("#"), keep_blank_values=True):
         again = key in parts or (key in UNITS and unit_of(parts))
         if again or key not in ADDRESS or not re.fullmatch(ADDRESS[key], value):
-            remedy = f"use each of {', '.join(ADDRESS)} once, as a page writes them, and one of step, sweep and stage"
+            remedy = f"use {', '.join(ADDRESS)} at most once, as a page writes them, and only one of step, sweep, stage"
             raise InputError(f'the address has "{shown(key)}={shown(value)}"', remedy, key=key)
         parts[key] = value
     return parts

@@ -18,8 +18,8 @@ from .validation import InputError, Reals, frozen_array, point_text, refusal
 def positions_of(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones : (N, D) float64, read-only, metres.
 
-    In a simulated room they are cell centres. D is 2 for a plane array, whose height is left out. Raises InputError for
-    impossible positions, walls, source or known microphones.
+    In a room of two dimensions they are cell centres. D is 2 for a plane array, whose height is left out. Raises
+    InputError for impossible positions, walls, source or known microphones.
     """
     if scene.room.dimension == 3:
         positions = positions_3d(scene)[:, : scene.array.dimension]
