@@ -31,7 +31,7 @@ CAUSES = (
     "sound from few directions (record another take with the source elsewhere), a source or an obstacle inside the"
     " array, faulty channels, or positions not found yet"
 )
-MORE_MODES = "use more frequencies (<modes>), or "  # begins a remedy; `first_finding` inserts a number, or omits it
+MORE_MODES = "use more frequencies (<modes>), or "  # placeholder; `first_finding` replaces or removes it
 
 
 AnswerState = Literal["fine", "differs", "fault", "unknown"]
@@ -108,10 +108,10 @@ class Judged:
         these are faults of single channels, and no channel counts as uneven.
         """
         channels, counted = self.estimate.channels, self.healthy | self.noisy
-        behind = channels.noise[counted]
-        before = behind * np.exp(2 * channels.gains[counted, 0])
-        high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
-        high &= behind * self.noise_fraction > UNEVEN_FRACTION
+        before = channels.noise[counted]
+        after = before * np.exp(2 * channels.gains[counted, 0])
+        high = np.all([tau > UNEVEN * np.median(tau) for tau in (before, after)], axis=0)
+        high &= before * self.noise_fraction > UNEVEN_FRACTION
         return high & np.any(high & self.healthy[counted])
 
     @property
@@ -209,7 +209,7 @@ MORE_KNOWN = 4  # number of further microphones whose positions a remedy asks fo
 
 
 def _positions_of(seen: Judged, doubt: np.ndarray) -> str:
-    """Return the words for the positions of the healthy microphones sought for which `doubt` (N,) is largest."""
+    """Return words that name the positions of the healthy, unknown microphones with the largest `doubt` (N,)."""
     doubt = np.where(seen.healthy, doubt, 0.0)
     doubt[seen.estimate.problem.known] = 0.0
     chosen = [int(n) for n in np.argsort(-doubt, kind="stable")[:MORE_KNOWN] if doubt[n] > 0]

@@ -159,8 +159,8 @@ class PositionCheck:
     spacing : (N,) float64
         Metres, distance of each position of the list from the nearest other one.
     scale : float
-        Ratio of the size of the list to that of the array found; 1 unless they differ by more than a tenth, as with
-        other units. The lengths above belong to the list divided by this scale.
+        Ratio of the size of the list to that of the array found; 1 if it is within a tenth of 1 and the list fits
+        either unscaled or not at all. If `fits`, the lengths above belong to the list divided by this scale.
     symmetric : bool
         Whether the list also fits after a rotation or reflection of the array, because this is symmetric. A swap of
         most channels that equals such a motion cannot be detected.
@@ -402,7 +402,7 @@ LIST_RULES = ListRules()
 
 @dataclass(frozen=True, eq=False)
 class ListFit:
-    """A list that fits, scaled to the size of the array and aligned with it by the rows that are not outliers.
+    """A list that fits, compared with the array scaled to it and aligned by the rows that are not outliers.
 
     Attributes
     ----------

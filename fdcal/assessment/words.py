@@ -285,7 +285,7 @@ def list_faults(check: PositionCheck, fit: ListFit | None, names: Sequence[objec
         return found
     found += [f"{names[n]} is {1e3 * fit.errors[n]:.0f} mm from its listed position" for n in fit.misplaced]
     if fit.poor and fit.trusted:
-        found.append(f"its positions are {1e3 * fit.rms:.0f} mm off (RMS)")
+        found.append(f"the listed positions are {1e3 * fit.rms:.0f} mm off (RMS)")
     if fit.sized:
         found.append(_of_size(fit.scale))
     if fit.repeated:
