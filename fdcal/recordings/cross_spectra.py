@@ -141,9 +141,10 @@ def stationary_pressures(
 
 
 def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows: int, apart: float) -> np.ndarray:
-    """Return at most `max_rows` of the rows `keep`, ascending in frequency; different frequencies are `apart` Hz apart.
+    """Return at most `max_rows` of the rows `keep`, ascending in frequency.
 
-    `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), rows above the noise, best first.
+    `row` (R,), index of the frequency of each row in `seen` (M,), Hz; `keep` (n,), rows above the noise, best first;
+    `apart`, Hz: different frequencies are at least 3/4 of it apart.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)

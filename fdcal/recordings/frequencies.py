@@ -24,7 +24,7 @@ from ..model.validation import InputError
 from .recording import IMPORT_LIMITS, Band, ImportOptions, Recording, channel_groups, number_in
 
 MIN_SNR = 10.0  # decibels, least signal-to-noise ratio of a frequency that is used
-DYNAMIC_RANGE = 60.0  # decibels below the strongest frequency, down to which frequencies are used
+DYNAMIC_RANGE = 60.0  # decibels from the strongest frequency down to the assumed floor, above which MIN_SNR is required
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def default_max_rows(microphones: int, takes: int = 1) -> int:
 class Spacing:
     """Useful spacing of the frequencies of a recording, Hz."""
 
-    step: float  # least distance of two frequencies
+    step: float  # useful distance of two frequencies; chosen ones are at least 3/4 of it apart
     # bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent
     decorrelation: float
 
@@ -86,8 +86,8 @@ def choose_frequencies(
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: the one nearest to the middle of each of equal parts of the band.
 
-    `frequencies` (B,), Hz, are evenly spaced, more closely than `resolution`, the least distance of two chosen ones.
-    `power` and `noise` (B,) are means over the microphones; the noise is 0 where it is unknown. Raises
+    `frequencies` (B,), Hz, are evenly spaced, more closely than `resolution`; chosen ones are at least 3/4 of it
+    apart. `power` and `noise` (B,) are means over the microphones; the noise is 0 where it is unknown. Raises
     NothingAboveNoise.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-DYNAMIC_RANGE / 10))

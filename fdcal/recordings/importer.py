@@ -410,9 +410,9 @@ def _band_words(taken: Pressures) -> str:
     """Return the band and the spacing of the frequencies, and how many have several rows, in words."""
     f = taken.frequencies
     different = np.unique(f, return_counts=True)[1]
-    text = f"{len(different)}, {f[0]:.1f} to {f[-1]:.1f} Hz, at least {taken.spacing.step:.2g} Hz apart"
+    text = f"{len(different)}, {f[0]:.1f} to {f[-1]:.1f} Hz, about {taken.spacing.step:.2g} Hz apart or more"
     if taken.spacing.decorrelation > 1.5 * taken.spacing.step:
-        text += f" (independent: {taken.spacing.decorrelation:.2g} Hz)"
+        text += f" (independent if {taken.spacing.decorrelation:.2g} Hz apart)"
     several = int(np.sum(different > 1))
     if several:
         text += f"; {several} of them count up to {different.max()} times, once for each eigenvalue above the noise"

@@ -84,7 +84,7 @@ def estimate_decay(recording: Recording, band: Band) -> Decay:
 def extend_to_last_mode(recording: Recording, band: Band, decay: Decay, noise: Noise | None) -> Decay:
     """Return `decay` with a later tail, so that no mode of the band rings on in it.
 
-    `noise`: power of the noise in one sample of the transform, if it is known. Noise that varies in time is then not
+    `noise`: power of the noise's transform per time sample, if it is known. Noise that varies in time is then not
     mistaken for a mode.
     """
     if decay.tail is None:
@@ -151,9 +151,9 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
     return Decay(rate, reached if reached <= DECAY.last_tail(recording.duration) else None, noisy)
 
 
-def segment_levels(recording: Recording, band: Band, channels: int = DECAY.channels) -> np.ndarray:
-    """Return the power in the band in each segment, mean over some `channels` : (segments,) float64."""
-    reduced, fs = _reduced(recording, band, channels)
+def segment_levels(recording: Recording, band: Band, count: int = DECAY.channels) -> np.ndarray:
+    """Return the power in the band in each segment, averaged over `count` channels : (segments,) float64."""
+    reduced, fs = _reduced(recording, band, count)
     samples = reduced.shape[1]
     padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
     # The filter removes all above 2 band[1], so that a lower sampling rate represents the signal and its square.
@@ -181,7 +181,7 @@ def _reduced(recording: Recording, band: Band, count: int = DECAY.channels) -> t
 
 
 RISE = 10.0  # ratio of powers up to which the level of noise may vary
-GRID = 6  # points of the spectrum per least distance of two frequencies
+GRID = 6  # points of the spectrum per useful distance of two frequencies
 MAX_SAMPLES = 20_000_000  # length of the longest impulse response; longer recordings count as stationary
 
 
@@ -190,8 +190,8 @@ def impulse_response_pressures(
 ) -> Pressures:
     """Return the pressures of an impulse response; the part in which the sound is below the noise is left out.
 
-    `max_rows`: maximum number of frequencies; `noise`: power of the noise in one sample of the transform, if it
-    is known; otherwise it is estimated from the tail.
+    `max_rows`: maximum number of frequencies; `noise`: power of the noise's transform per time sample, if it is
+    known; otherwise it is estimated from the tail.
     """
     if recording.samples > MAX_SAMPLES:
         problem = f"{recording.path} lasts {recording.duration:.0f} s, which is too long for an impulse response"
@@ -220,7 +220,7 @@ def impulse_response_pressures(
         pressures[:, channels] = laplace_transform(samples, used.sample_rate, s, f)
     how = f"exponential window of {s:.2g}/s" if s > 0 else "no window: the sound has decayed"
     if used is not recording:
-        how += f" after {used.duration:.3g} s, where the rest is left out"
+        how += f"; the recording is cut off at {used.duration:.3g} s, after which there is only noise"
     k = wavenumber_continuous(f, s, sound_speed)
     return Pressures(f, k, pressures, None if noise is None else density[chosen], how, spacing)
 
@@ -347,10 +347,10 @@ DECONVOLUTION = DeconvolutionSettings()
 
 
 def deconvolve(recording: Recording, reference: Recording, band: Band) -> tuple[Recording, Noise | None]:
-    """Return the impulse responses of all channels, in memory, and the noise power of one sample of the transform.
+    """Return the impulse responses of all channels, in memory, and the power of their noise.
 
-    `reference`: one channel with the signal that the source emitted. The noise power is None if the recording is too
-    short to estimate it.
+    `reference`: one channel with the signal that the source emitted. The power is that of the noise's transform per
+    time sample; it is None if the recording is too short to estimate it.
     """
     if reference.sample_rate != recording.sample_rate:
         problem = f"{reference.path} has {reference.sample_rate:g} Hz and {recording.path} {recording.sample_rate:g} Hz"

@@ -29,7 +29,7 @@ RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved c
 
 
 Band = tuple[float, float]  # lowest and highest frequency, Hz
-Noise = Callable[[np.ndarray], np.ndarray]  # power of the noise in one sample of the transform at frequencies, Hz
+Noise = Callable[[np.ndarray], np.ndarray]  # maps frequencies, Hz, to power of the noise's transform per time sample
 Block = Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
 MIN_SAMPLES = 16  # least number of samples of a channel
 

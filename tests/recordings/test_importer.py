@@ -154,7 +154,7 @@ def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(
 def test_what_follows_the_sound_is_left_out():
     quiet = noisy(np.pad(responses(), ((0, 0), (0, 3 * FS))), 20)
     taken = pressures_of(quiet)
-    assert "the rest is left out" in taken.how
+    assert "the recording is cut off at" in taken.how
     assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
     whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
     truth = exact(taken.frequencies)
@@ -180,7 +180,7 @@ def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarra
 def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
     recorded_samples, truth = ringing(seconds, snr_db)
     taken = pressures_of(recorded_samples)
-    assert taken.how.startswith("no window") and "left out" in taken.how
+    assert taken.how.startswith("no window") and "cut off" in taken.how
     error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
     assert 0.7 < np.mean(error / taken.noise_power) < 1.4
     assert np.all(error < 3 * taken.noise_power), "the same holds at the frequency of the mode"
