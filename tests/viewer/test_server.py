@@ -54,9 +54,8 @@ def test_a_message_that_is_pushed_just_as_the_sender_begins_to_wait_reaches_the_
 
         def pushed_in_between():
             del event._get_loop
-            other = threading.Thread(target=push)
-            other.start()
-            other.join()
+            with ThreadPoolExecutor(1) as other:
+                other.submit(push)
             return waits()
 
         event._get_loop = pushed_in_between
@@ -72,10 +71,8 @@ def test_the_address_can_be_typed_into_a_browser():
     hosts = {"127.0.0.1": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::1": "[::1]", "localhost": "localhost"}
     for host, expected in hosts.items():
         assert app.address(host, 81) == f"http://{expected}:81"
-    for host in ("127.0.0.1", "localhost", "::1"):
-        assert hardening.is_loopback(host)
-    for host in ("0.0.0.0", "", "192.168.1.2", "example.org"):
-        assert not hardening.is_loopback(host), "other machines reach it"
+    assert all(map(hardening.is_loopback, ("127.0.0.1", "localhost", "::1")))
+    assert not any(map(hardening.is_loopback, ("0.0.0.0", "", "192.168.1.2", "example.org"))), "others reach these"
 
 
 def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
@@ -103,13 +100,12 @@ def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
     ],
 )
 def test_only_the_page_itself_may_connect(server, host, origin, status):
-    port = server.get_port()
     lines = ["GET / HTTP/1.1", f"Host: {host}", "Upgrade: websocket", "Connection: Upgrade",
              "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==",
              f"Sec-WebSocket-Protocol: viser-v{viser.__version__}"]  # fmt: skip
     lines += [] if origin is None else [f"Origin: {origin}"]
-    with socket.create_connection(("127.0.0.1", port), WAIT) as client:
-        client.sendall("\r\n".join([*lines, "", ""]).format(port=port).encode())
+    with socket.create_connection(("127.0.0.1", server.get_port()), WAIT) as client:
+        client.sendall("\r\n".join([*lines, "", ""]).format(port=server.get_port()).encode())
         assert client.recv(12, socket.MSG_WAITALL) == f"HTTP/1.1 {status}".encode()
 
 
@@ -252,7 +248,7 @@ def test_clients_that_begin_wrongly_or_vanish_and_fifty_more_disturb_nobody(dark
         assert all(client.recv(timeout=WAIT) for client in clients), "each has been sent the page"
 
 
-def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(tmp_path, monkeypatch):
+def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(tmp_path, monkeypatch, capsys):
     assert error_log.printable("a\nb\x1b[0m\u202e") == r"a\nb\x1b[0m\u202e"
     assert error_log.printable("x" * 500, 10) == "x" * 10 + "..."
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path))
@@ -264,6 +260,10 @@ def test_a_strangers_text_is_cut_and_escaped_and_the_log_on_the_disk_is_bounded(
     files = list(tmp_path.iterdir())
     assert len(files) == 2 and all(0 < file.stat().st_size <= 10_000 for file in files)
     assert "49 xxx" in (tmp_path / error_log.LOG_NAME).read_text(encoding="utf-8")
+    monkeypatch.setenv("FDCAL_CACHE", str(files[0]))  # no folder, so that the terminal gets the details
+    with error_log.error_log():
+        logging.getLogger("fdcal.test").error("failed", exc_info=ValueError("the reason"))
+    assert "ValueError: the reason" in capsys.readouterr().err
 
 
 def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):

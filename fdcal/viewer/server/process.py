@@ -62,8 +62,7 @@ def _off_the_event_loop(record: logging.LogRecord) -> bool:
 @contextlib.contextmanager
 def error_log() -> Iterator[None]:
     """Log warnings and errors in the block; only on the terminal if the file cannot be written."""
-    terminal = logging.StreamHandler()
-    terminal.setFormatter(_OneLine())
+    terminal, lines = logging.StreamHandler(), _Lines("%(asctime)s %(levelname)s %(name)s: %(message)s")
     terminal.addFilter(_off_the_event_loop)
     handlers: list[logging.Handler] = [terminal]
     with contextlib.suppress(OSError):
@@ -71,8 +70,9 @@ def error_log() -> Iterator[None]:
         file = logging.handlers.RotatingFileHandler(
             cache_folder() / LOG_NAME, maxBytes=MAX_LOG_BYTES, backupCount=1, encoding="utf-8", delay=True
         )
-        file.setFormatter(_Lines("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        file.setFormatter(lines)
         handlers.append(file)
+    terminal.setFormatter(_OneLine() if len(handlers) > 1 else lines)  # without a file the terminal has the details
     loggers = [logging.getLogger(name) for name in (ROOT, *OTHERS)]
     for handler in handlers:
         handler.setLevel(logging.WARNING)
@@ -90,11 +90,11 @@ def error_log() -> Iterator[None]:
 
 
 def log_location() -> str:
-    """Return the path of the log file, or "the terminal's log"."""
+    """Return the path of the log file, or "the terminal"."""
     for handler in logging.getLogger(ROOT).handlers:
         if isinstance(handler, logging.handlers.RotatingFileHandler):
             return handler.baseFilename
-    return "the terminal's log"
+    return "the terminal"
 
 
 M_ARENA_MAX = -8  # parameter of mallopt, in glibc's malloc.h
