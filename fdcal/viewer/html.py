@@ -95,9 +95,9 @@ def status(
     found_errors = None if errors is None else errors[sought]
     error, figures, compared = words.error_parts(found_errors, measurement.blind, measurement.nominal)
     error, (mean, comma, largest) = error.capitalize(), figures.partition(", ")
-    if error and left_out:  # one word replaces another, because an additional line would move the buttons
-        why = f"{error} without microphone {', '.join(left_out)}, whose channel is faulty"
-        error = f"<span title='{escape(why)}'>Healthy</span>"
+    if error and left_out:  # only a sign, because a longer name would wrap and move the buttons
+        why = f"{error} without microphone {', '.join(left_out)}: faulty channel"
+        error = f"<span title='{escape(why)}'>{error}*</span>"
     kept = state.best_positions is not state.positions  # True while the run tries another start
     used = tuple(range(state.first, state.last + 1))
     verdict = [] if found is None else [found.verdict]

@@ -154,7 +154,7 @@ def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
     assert measurement.errors(positions, healthy)[healthy] == pytest.approx(0, abs=1e-9)
     assert measurement.errors(positions)[healthy].min() > 1e-3
     left_out = html.status(array.session.view, measurement, sought=healthy, left_out=["M00"])
-    assert ">Healthy<" in left_out and "without microphone M00" in left_out
+    assert ">Deviation*<" in left_out and "Deviation without microphone M00: faulty channel" in left_out
 
 
 def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement):

@@ -176,7 +176,7 @@ def own_page_only(
             return connection.respond(http.HTTPStatus.FORBIDDEN, "This server has another name.\n")
         came_from = [origin.partition("//")[2].lower() for origin in request.headers.get_all("Origin")]
         if (came_from or "Upgrade" in request.headers) and came_from != hosts:
-            return connection.respond(http.HTTPStatus.FORBIDDEN, "This page is for its own address only.\n")
+            return connection.respond(http.HTTPStatus.FORBIDDEN, "Only the page of this server may connect.\n")
         if request.path.partition("?")[0] == "/" and is_loopback(connection.remote_address[0]):
             request.headers.pop("Accept-Encoding", None)
         try:

@@ -39,7 +39,7 @@ class ViewTab(Tab):
         self._binding, gui = binding, binding.gui
         camera = gui.add_button_group("Camera", tuple(VIEWS))  # a hint would cover the tabs above
         self.camera = binding.on(camera, lambda client, name: binding.tabs.look(client, VIEWS[name]), True, "look")
-        gui.add_html(html.remark("In this window only: plan view, array, whole room."))
+        gui.add_html(html.remark("Moves the camera in this window only: plan view, array, whole room."))
         self.dark = binding.checkbox("Dark page", lambda choices: choices.dark, self.darken, command="dark_page")
         hint = "Large type and no panels; the key H ends this mode as well"
         self.lecture = binding.choice("Lecture mode", "lecture", command="lecture", hint=hint)
