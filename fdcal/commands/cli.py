@@ -206,7 +206,7 @@ def simulate(scene: str, output: str, force: bool):
 @opt.modes_option
 @opt.seed_option
 @opt.option("--exclude NAME,...", "Microphones to leave out, by name or number.", type=opt.microphone_names, default=())
-@opt.option("--distance I,J,METRES", "Distance of microphones I, J if none is known: gives size and sound speed.",
+@opt.option("--distance I,J,METRES", "If no position is known: distance from I to J. It gives size and sound speed.",
             type=opt.distance)  # fmt: skip
 @opt.option("--time-limit SECONDS", "Processor time after which the run ends with its best positions.", type=float)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")

@@ -211,8 +211,8 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
     used = carried[carried <= modes].tolist()
     if not used:
-        fault = f"the microphones are too few for a frequency with search.radius = {search_domain(problem).radius:g} m"
-        raise InputError(fault, "give the scene or the file a smaller one", key="search.radius")
+        fault = f"the microphones are too few for any frequency at search.radius = {search_domain(problem).radius:g} m"
+        raise InputError(fault, "give the scene or the file a smaller radius", key="search.radius")
     terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
     sampled = None if terms is None else sampled_volume(terms)
     assert sampled is not None  # only a volume that can be cancelled may be incomplete

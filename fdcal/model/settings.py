@@ -200,8 +200,8 @@ class SolverSettings:
         "reported" uses the noise power of the measurement, if it has one; "auto" estimates it; a number of decibels is
         the signal-to-noise ratio of each mode.
     known : str
-        Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
-        or "none".
+        Microphones whose positions are given to the solver: "all" known ones; "minimal", only what fixes
+        translation, rotation and mirror image; or "none".
     gains : str
         With "auto", "robust" estimates gain and phase of every channel and their standard deviations; with "fixed" they
         do not change.
@@ -234,7 +234,7 @@ class SolverSettings:
     )
     known: Literal["all", "minimal", "none"] = option(
         "all",
-        "Known microphones to use; minimal: as few as fix position, rotation and mirror image.",
+        "Known microphones to use; minimal: only what fixes position, rotation and mirror image.",
         "all|minimal|none|NAMES|FILE.csv",
     )
     gains: Annotated[Literal["auto", "fixed"], within(solver="robust")] = option(

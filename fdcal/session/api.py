@@ -157,8 +157,8 @@ def calibrate(
         As returned by `load` or `simulate`.
     known : str, mapping or sequence, optional
         Microphones whose positions the solver gets: "all" known microphones of the measurement (the default);
-        "minimal", as few as fix the gauge; "none"; a list of names or numbers of microphones; or a mapping of names or
-        numbers to positions (D,), metres.
+        "minimal", only what fixes translation, rotation and mirror image ("joint", "robust"); "none"; a list of names
+        or numbers of microphones; or a mapping of names or numbers to positions (D,), metres.
     solver : str, optional
         "robust" (the default), "joint" or "descent".
     modes : int, optional
@@ -278,7 +278,7 @@ def landscape(
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
         raise InputError(
-            "the measurement holds no true positions", "give a calibration that found the others", key="calibration"
+            "the measurement holds no true positions", "give a result of fdcal.calibrate", key="calibration"
         )
     with one_blas_thread():
         return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)
