@@ -241,7 +241,7 @@ def declared_options(record: type, names: Sequence[str] = (), **types: Any) -> C
                 choices = get_args(kind)
                 number = int if isinstance(choices[0], int) else None
                 kind = click.Choice([str(one) for one in choices])
-            fixed = field.default is not None and record is ImportOptions  # the scene has its own settings
+            fixed = field.default is not None and record is ImportOptions  # else the scene gives the default
             default = f"  [default: {field.default}]" if fixed else ""
             command = click.option(
                 f"--{field.name.replace('_', '-')}",

@@ -441,7 +441,7 @@ def along(points: Reals, fraction: float) -> Reals:
 
 
 def ball_centre(picture: Picture, place, floor: Floor | None) -> np.ndarray:
-    """Return the centre (3,), metres, of a ball at `place` (D,); over a narrower valley it lies on the rim."""
+    """Return the centre (3,), metres, of a ball at `place` (D,); if a valley is too narrow, it lies on the rim."""
     ball = BALL_RADIUS * picture.marker_radius
     ground = _on_map(np.asarray(place, float)[None], floor, picture.z_range[0], ball)[0]
     above = layer_height(Layer.MINIMUM, picture.marker_radius)  # height of the marks on a map

@@ -125,7 +125,7 @@ LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the number of pixels in a point of text: 1 in an image 800 pixels high, whose font has 16 pixels."""
+    """Return the scale of texts and lines: 1 in an image of 1000 x 800 pixels, whose font has 16 pixels."""
     return min(size[0] / 1000, size[1] / 800)
 
 

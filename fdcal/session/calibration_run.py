@@ -28,7 +28,7 @@ from .sources import CalibrationInput, ProgressReport
 
 
 def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError if the solver cannot find the array, for example outside of the search domain."""
+    """Raise InputError if the solver cannot succeed, for example if a microphone is outside of the search domain."""
     measurement = inputs.measurement
     truth, search = measurement.positions, measurement.search
     if inputs.distance is not None:
@@ -62,7 +62,7 @@ def assess_state(
             raise InputError(f"microphones {pair[0]} and {pair[1]} coincide", "name others: <distance>", key="distance")
         scale = inputs.distance[2] / apart
     given, unused = inputs.measurement, {}
-    if 0 < len(given.known) < given.count and not len(problem.known):  # `--check` compares a list of all microphones
+    if 0 < len(given.known) < given.count and not len(problem.known):  # positions of all microphones are for `--check`
         unused = dict(zip(given.known.tolist(), given.known_positions, strict=True))
     found = replace(assess(estimate, given.names, scale, unused), wording=wording)
     if problem.frame is None:

@@ -54,8 +54,8 @@ class DoctorRules:
     # dB.
     fewest: int = 6
     arrivals: float = 3e-3  # metres, median misfit up to which arrival times fit; those that fit have 0.05 to 0.9 mm
-    # Least number of frequencies at which the channels are coherent with a stationary source: 122 or more at 0 dB and
-    # 26 at -5 dB; 7 to 17 if each channel is from a different recording.
+    # Least number of frequencies at which the channels of a stationary recording are coherent. There are 122 or more at
+    # 0 dB and 26 at -5 dB, but 7 to 17 if each channel is from a different recording.
     rows: int = 20
     # Difference between the size of a list and that of the array, in sigmas, above which the list is wrong; correct
     # lists reach 2.8.
@@ -143,7 +143,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         result = solve(inputs, progress, keep=True)
     except InputError as error:
         rows = len(measurement.frequencies)
-        few = stationary and rows < DOCTOR_RULES.rows  # a stationary source gives the frequencies of coherent channels
+        few = stationary and rows < DOCTOR_RULES.rows  # an import keeps only coherent frequencies
         text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
         yield Answer("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         if measurement.positions is not None:
@@ -151,7 +151,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         return
     check = None if measurement.positions is None else compare_positions(result.positions, measurement.positions)
     if check is not None and result.verdict != "good":
-        # A second calibration begins at the list. It counts if it explains the pressures better.
+        # A second calibration is given all listed positions but one. It counts if it explains the pressures better.
         listed = np.asarray(measurement.positions)
         every = np.delete(np.arange(measurement.count), int(np.argmax(check.errors)))  # one must be unknown
         known = replace(measurement, known=every, known_positions=listed[every])
@@ -280,7 +280,7 @@ def _list(
     """Return whether the list fits: its order, its size, and each microphone."""
     measurement = inputs.measurement
     listed, names = np.asarray(measurement.positions), measurement.names
-    if result.known:  # the calibration began at the list
+    if result.known:  # it is the second calibration, which was given the list
         check = compare_positions(result.positions, listed)
     sure = result.verdict == "good"
     if not check.fits:

@@ -96,8 +96,8 @@ class LessonSetting:
             values |= {"microphone": int(parts["microphone"]), "follow": False}
         if "trails" in parts:
             values["trails"] = parts["trails"] == "on"
-        if (numbers := parts.get("view", "").count(",")) < 9 and "view" in parts:  # a camera suits only one window
-            values["view"] = "3d" if numbers else parts["view"]
+        if (commas := parts.get("view", "").count(",")) < 9 and "view" in parts:  # 9: a camera, which suits one window
+            values["view"] = "3d" if commas else parts["view"]
         values |= {name: parts[key] for key, name in (("map", "map"), ("modes", "map_modes")) if key in parts}
         given = {name: value for name, value in vars(self).items() if value not in (None, ())}
         return LessonSetting(**(values | given))

@@ -273,7 +273,7 @@ class ForecastRules:
     plane: tuple[float, float, float] = (2.0, 2.8, 4.0)
     source_sets: int = 8  # number of sets of source positions over which arrival times are averaged
     takes: tuple[int, ...] = (1, 2, 4, 8)  # numbers of takes that a plan compares with its own
-    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # the ratios that a plan compares, dB above its own ratio
+    more_db: tuple[float, ...] = (0.0, 3.0, 6.0, 10.0)  # signal-to-noise ratios that a plan compares, dB above its own
     # Largest ratio that is compared, dB. Differences of 0.1 dB and 0.5 degrees between the channels cause the same
     # errors as noise 38 dB below the signal, so that less noise is of no use.
     max_snr_db: float = 40.0

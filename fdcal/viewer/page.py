@@ -155,7 +155,7 @@ class Page:
         if first:
             self._report_progress()
         if self.viewer is not None:
-            self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # else the status bar is shown
+            self.viewer.tabs.run_bar.status.visible = self.switcher.current is None  # else the progress is shown
             self.nodes.cameras.lecture = self.viewer.binding.choices.lecture
             self.nodes.cameras.caption = self.lessons.progress.lesson is not None
             self.viewer.guarded_tick(now)

@@ -263,7 +263,7 @@ class Viewer:
             view, now, self._revision, self._selected, drawn, reason, self.snapshot.picture, self.fault, found,
             axes, assessing, sought, self.run, choices,
         )  # fmt: skip
-        with self._server.atomic():  # both displays of the cost change together
+        with self._server.atomic():  # the costs beside the microphone and in large words change together
             self.snapshot = self._draw(state, self.drop.tick(newest, drawn, now) or move)
         tabs.show(self.snapshot)
 

@@ -261,7 +261,7 @@ class SweepTab(Tab):
     def sum_modes(self, count: int, alone: bool | None = None) -> None:
         """Stop, and show the sum of the first `count` modes of the sweep; if `alone`, only the last of them."""
         self._alone, self.playing = self.alone if alone is None else alone, None
-        if not self._binding.run.solver.TRAITS.moves_all:  # the steps of such a solver minimise the map shown
+        if not self._binding.run.solver.TRAITS.moves_all:  # its next run uses the modes of the map
             self._binding.session.pause()
         if self._binding.choices.kind == "none":
             self._map.show_as("flat")
