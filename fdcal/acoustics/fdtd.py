@@ -140,8 +140,8 @@ def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
     lam2 = grid.courant**2
     (row, column), signal = source
     cells, recordings = receivers
-    ends = (cells[:, 0] + 1) * width + cells[:, 1] + 1
-    by_cell = np.argsort(ends, kind="stable")
+    receiver_cell = (cells[:, 0] + 1) * width + cells[:, 1] + 1
+    by_cell = np.argsort(receiver_cell, kind="stable")
     return StencilTables(
         width=width,
         lam2=lam2,
@@ -155,9 +155,9 @@ def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
         wall_around=lam2 / (1 + loss),
         source=(int(row) + 1) * width + int(column) + 1,
         pulse=signal,
-        ends=np.searchsorted(ends[by_cell], rows),
-        end_cell=ends[by_cell],
-        end_number=by_cell,
+        receivers=np.searchsorted(receiver_cell[by_cell], rows),
+        receiver_cell=receiver_cell[by_cell],
+        receiver_number=by_cell,
         recordings=recordings,
     )
 
@@ -209,11 +209,11 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
         remedy = f"use at least {math.ceil(1000 * taps / fs) / 1000:g} s, or a higher source.low"
         raise refusal("source.duration", source.duration, "is shorter than the pulse", remedy, "s")
     signal = pulse(source)
-    start = cells_at(grid, [source.place], room.cell_size, "source.position")[0]
-    ends = cells_at(grid, receivers, room.cell_size, "microphone")
-    recordings = np.zeros((len(ends), samples))
+    source_cell = cells_at(grid, [source.place], room.cell_size, "source.position")[0]
+    receiver_cells = cells_at(grid, receivers, room.cell_size, "microphone")
+    recordings = np.zeros((len(receivers), samples))
     state = np.zeros((2, grid.mask.shape[0] + 2, padded_width(grid)))
-    _run(grid, state, samples - 1, (start, signal), (ends, recordings), progress)
+    _run(grid, state, samples - 1, (source_cell, signal), (receiver_cells, recordings), progress)
     return recordings
 
 

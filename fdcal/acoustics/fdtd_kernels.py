@@ -25,7 +25,7 @@ DEPTH = 3  # steps in a wave front; the 5 rows of 2 arrays that it needs fit in 
 
 @functools.partial(compiled, fastmath={"contract"})  # allows a fused multiplication and addition
 def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
-          wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
+          wall_cell, wall_centre, wall_before, wall_around, source, pulse, receivers, receiver_cell, receiver_number,
           recordings):  # fmt: skip
     """Advance rows low + low_slope t (included) to high + high_slope t (excluded) in each step t = 0 ... steps - 1.
 
@@ -61,8 +61,8 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                 if row * width <= source < (row + 1) * width and time < pulse.size:
                     state[old + source] += pulse[time]
                 if time + 1 < recordings.shape[1]:
-                    for i in range(ends[row], ends[row + 1]):
-                        recordings[end_number[i], time + 1] = state[old + end_cell[i]]
+                    for i in range(receivers[row], receivers[row + 1]):
+                        recordings[receiver_number[i], time + 1] = state[old + receiver_cell[i]]
 
 
 class StencilTables(NamedTuple):
@@ -84,10 +84,10 @@ class StencilTables(NamedTuple):
     wall_around: np.ndarray
     source: int  # cell of the source
     pulse: np.ndarray  # (P,) float64, added to that cell, one sample per step
-    ends: np.ndarray  # (rows + 1,) int64, first microphone of each row, counted in the order of `end_cell`
-    # end_cell, end_number: (N,) int64, cells of the microphones, ascending, and their rows in `recordings`
-    end_cell: np.ndarray
-    end_number: np.ndarray
+    receivers: np.ndarray  # (rows + 1,) int64, first microphone of each row, counted in the order of `receiver_cell`
+    # receiver_cell, receiver_number: (N,) int64, cells of the microphones, ascending, and their rows in `recordings`
+    receiver_cell: np.ndarray
+    receiver_number: np.ndarray
     recordings: np.ndarray  # (N, T) float64, written at [:, step + 1]
 
 

@@ -70,7 +70,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[
             faulty[n] = ChannelFault(name, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
         elif far[n, 1]:
             faulty[n] = ChannelFault(name, "gain", float(np.degrees(gains[n, 1])), "degrees")
-    if estimate.converged:  # otherwise given positions cannot be judged
+    if estimate.ended:  # otherwise given positions cannot be judged
         faulty.update(_misplaced(estimate, covariance, names))
     return {n: faulty[n] for n in sorted(faulty)}
 

@@ -141,7 +141,7 @@ ROOM_FRACTION = 2e-4  # fraction of noise below which the residuals of healthy c
 
 def _many_faulty(seen: Judged) -> str:
     faults, count = seen.channel_faults, len(seen.names)
-    sigma = f"; {precision(_sought_sigma(seen))}" if seen.estimate.converged else ""
+    sigma = f"; {precision(_sought_sigma(seen))}" if seen.estimate.ended else ""
     few = f"the other {count - len(faults)} are too few to check these positions{sigma}"
     return f"{len(faults)} of {count} channels are faulty: {faults_text(faults)}; {few}"
 
@@ -279,7 +279,7 @@ FINDINGS: tuple[Finding, ...] = (
             lambda seen: f"{np.sum(seen.healthy)} microphones so far apart interpolate up to {seen.f_max:.0f} Hz"
                          f" (Eq. 9), but frequencies up to {seen.highest:.0f} Hz are in use",
             "use more microphones closer together", reason="frequencies above f_max (Eq. 9) are in use"),
-    Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
+    Finding("not_converged", lambda seen, limit: not seen.estimate.ended or seen.step_left >= limit,
             lambda seen: f"the solver ended while microphones still moved, by up to {seen.step_left:.2g} sigma", "",
             3.0, "ratio of the remaining Newton step to one sigma"),
     Finding("known_position", _few_right,

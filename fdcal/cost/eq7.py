@@ -179,7 +179,7 @@ def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return the number of lowest modes that the microphones can carry without a gap; all without a search domain."""
+    """Return how many modes lie below the first that the array cannot carry; without a search domain, all modes."""
     if problem.search is None:
         return len(problem.pressures)
     carried = carried_modes(problem, order_offset).modes

@@ -23,9 +23,9 @@ the positions from 30 to 48 mm.
 
 If the power of each window has its most likely value, p^H C^-1 p / N, the cost is
 
-    cost = sum over groups of W log det C + N sum over windows of log p^H C^-1 p
+    cost = sum over groups of U log det C + N sum over windows of log p^H C^-1 p
 
-(the angular Gaussian distribution, Tyler 1987). A group consists of the W windows of one take at one frequency. The
+(the angular Gaussian distribution, Tyler 1987). A group consists of the U windows of one take at one frequency. The
 Fisher information is that of the complex Gaussian distribution after elimination of the powers, times N / (N + 1). No
 interpolation limit such as Eq. 9 applies, because the small coherence of distant microphones at high frequencies still
 carries information.
@@ -53,7 +53,7 @@ QUADRATIC = np.array(
         [[-0.5, 0, 0], [0, -0.5, 0], [0, 0, 1]],
     ]
 )
-SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # directions: a_l, r, g
+SPECTRUM = ("x^2 - y^2", "xy", "xz", "yz", "z^2", "ring", "elevation")  # parameters of power by direction: a_l, r, g
 NOISE_NODES, POWER_NODES = 5, 2  # numbers of nodes in frequency of e and b
 DIRECTIONS = 1200  # number of directions that are tried for a new wave
 SPACING = 0.125  # spacing of the lattice on which a microphone is sought, in shortest wavelengths
@@ -184,9 +184,9 @@ class ShortLikelihood:
 
     wavenumbers: Reals  # (G,) float64, rad/m, of each group
     takes: Integers  # (G,) int64
-    pressures: Complexes  # (G, W, N) complex64 or complex128; an unused window is 0 in all channels
+    pressures: Complexes  # (G, U, N) complex64 or complex128; an unused window is 0 in all channels
     bandwidth: float  # rad/m, B
-    dispersion: float = 1.0  # number of windows per independent window; the cost is divided by it
+    dispersion: float = 1.0  # number of windows with the information of one independent window; it divides the cost
 
     def waves(self, field: ShortField, nodes: Reals) -> tuple[Complexes, Complexes, Reals]:
         """Return the waves sqrt(b / 2) h (G, 2 W, N), their derivatives (G, 2 W, 4, N), and slopes of k t.
@@ -203,7 +203,7 @@ class ShortLikelihood:
         return h, np.stack([h / 2, *(-1j * k * one * h for one in turned)], axis=2), k * slopes
 
     def powers(self, L: Complexes, field: ShortField) -> Reals:
-        """Return p^H C^-1 p of each window (G, W), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
+        """Return p^H C^-1 p of each window (G, U), 0 if it is not used; L : (G, N, N), Cholesky factor of C."""
         whitener = (np.linalg.inv(L) / _gain(field)).swapaxes(1, 2).astype(self.pressures.dtype)
         parts = (self.pressures @ whitener).view(self.pressures.real.dtype)
         return np.einsum("gwn,gwn->gw", parts, parts).astype(float)
@@ -211,7 +211,7 @@ class ShortLikelihood:
     def scatter(self, q: Reals, field: ShortField) -> Complexes:
         """Return the sum of N p p^H / q over the windows, divided by `dispersion` : (G, N, N) complex.
 
-        p are the pressures divided by the gains; q : (G, W), result of `powers`
+        p are the pressures divided by the gains; q : (G, U), result of `powers`
         """
         weight = np.where(q > 0, len(field.positions) / np.where(q > 0, q, 1.0), 0.0) / self.dispersion
         weighted = self.pressures * weight[..., None].astype(self.pressures.real.dtype)

@@ -112,7 +112,7 @@ LARGEST_COUNT = 10**9  # largest number of steps, sweeps and the like
 OTHER_VERSION = "open the file with the version of fdcal that wrote it"
 NOT_FINITE = "the run has reached numbers that are not finite", "rewind the run before you save it"
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
-PLACES = ("positions", "shape", "centre")  # arrays of coordinates, metres
+PLACES = ("positions", "stage_start", "centre")  # arrays of coordinates, metres
 
 
 class StateReader:
@@ -121,15 +121,14 @@ class StateReader:
     def __init__(self, arrays: Mapping[str, np.ndarray], problem: Problem):
         self._arrays = arrays
         self._read: dict[tuple, np.ndarray] = {}  # each array is read once, also if several states refer to it
-        modes, count = problem.pressures.shape
-        D = problem.array_dimension
+        (M, N), D = problem.pressures.shape, problem.array_dimension
         self._shapes = {
-            "positions": (count, D), "shape": (count, D), "centre": (D,), "gains": (count, 2), "offsets": (count, 2),
-            "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
-            "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
+            "positions": (N, D), "stage_start": (N, D), "centre": (D,), "gains": (N, 2), "offsets": (N, 2),
+            "noise": (M,), "noise_power": (M,), "power": (M,), "channel_noise": (N,), "filters": (N, 2),
+            "places": problem.known_positions.shape, "contradicted": problem.known.shape,
         }  # fmt: skip
-        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
-        self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
+        self._ranges = {"moved": (-1, N - 1), "turn": (0, max(len(problem.free) - 1, 0))}
+        self._ranges |= {"first": (1, M), "last": (1, M), "restart": (-1, LARGEST_COUNT)}
 
     def state(self, table: dict[str, Any], State: type) -> Any:
         """Return the state that a dict of its fields describes."""

@@ -1,4 +1,4 @@
-"""Solvers: `init` and `step` over frozen states, found by the name of their module.
+"""Solvers: modules whose functions `init` and `step` return read-only states; `load` finds one by its name.
 
 May import: model, acoustics and cost.
 

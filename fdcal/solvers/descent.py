@@ -161,7 +161,7 @@ def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, 
 
 
 def _cost(problem: Problem, state: State) -> float:
-    """Return Eq. 7 over the modes in use, as the cost of one microphone, fitted without it, at its own position."""
+    """Return Eq. 7 over the modes in use, by a fit without the first free microphone; the formula is in `eq7`."""
     n = int(problem.free[0])
     W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n, state.modes)
     return float(sum(fit.cost_of(w[n : n + 1])[0] for fit, w in zip(fits, W, strict=True)))

@@ -129,12 +129,12 @@ class TriedOptimum:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The result of a solver. If the solver minimises another cost, the uncertainty comes from the likelihood."""
+    """The result of a solver. If its cost is not the likelihood, the uncertainty still comes from the likelihood."""
 
     problem: Problem  # with every mode scaled to unit power
     modes: slice  # the modes in use
     positions: Reals  # (N, D) float64, metres
-    converged: bool  # whether the run has ended, at a minimum or at its largest number of steps
+    ended: bool  # whether the run has ended, for whatever reason
     channels: ChannelEstimate
     field: FieldEstimate
     spread: PositionSpread

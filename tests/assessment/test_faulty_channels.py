@@ -128,7 +128,7 @@ def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_th
     sigma = precision(found.uncertainty[np.setdiff1d(np.arange(COUNT), [*KNOWN, *dead])])
     assert found.message.startswith("10 of 20 channels are faulty: microphones 1, ")
     assert f"dead; the other 10 are too few to check these positions; {sigma}; " in found.message
-    assert "sigma" not in assess(replace(silent, converged=False), NAMES).message
+    assert "sigma" not in assess(replace(silent, ended=False), NAMES).message
 
 
 def test_few_faulty_channels_of_a_small_array_are_too_many_whether_or_not_half_of_them_are_noisy():

@@ -56,7 +56,7 @@ def require_solvable(problem: Problem, settings: SolverSettings) -> None:
 # standard deviations of the coordinates, because the directions still change long after the positions have converged.
 # For an array of 32 microphones with four takes, whose error is 3 to 4 mm, this changes the positions by 0.1 to 0.5 mm
 # compared with many more steps. The rule does not apply to fields in the plane, where learning directions takes little
-# time: there it would increase the error of an array whose size is hardly determined from 14 to 17 mm.
+# time: there the error of an array whose size is hardly determined would grow from 14 to 17 mm.
 TOLERANCE_SIGMAS = 0.05
 # A stage that learns directions continues while a step lowers the cost by more than this, nats. Without this condition
 # the error of an array in the plane whose size is hardly determined grows from 14 to 17 mm.

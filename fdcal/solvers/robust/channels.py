@@ -20,7 +20,7 @@ from ...cost.likelihood import log_response
 from ...model.problem import Problem
 from ...model.validation import Complexes, Reals, frozen_array
 from .noise import with_noise
-from .objective import NU, constrained_positions, gains_are_free, used_modes, wavenumbers
+from .objective import NU, gains_are_free, given_in_use, used_modes, wavenumbers
 from .state import SUSPICIOUS, State
 
 SEARCH_MODES = 16  # number of modes used in the search, to save time
@@ -37,7 +37,7 @@ SPACING = 0.125  # spacing of the candidates, in shortest wavelengths
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
     """Return `state` with suspicious channels moved to where they fit best, and whether any was changed.
 
-    local : whether only positions near the present one are candidates
+    local : whether only positions near the present one are candidates, each of them with a filter
     """
     used, model, gains = used_modes(problem, state, SEARCH_MODES), state.model, gains_are_free(state)
     p, k, power = problem.pressures[used], np.real(wavenumbers(problem, state)[used]), model.power[used]
@@ -56,7 +56,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         log_gain = log_response(np.hstack([g, cut]), k)[0]
         q, others = p * np.exp(-log_gain), np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * np.array([[-1.0], [1.0]]) if local else x[tau < SUSPICIOUS]
-        stays = model.known_sigma == 0 and n in constrained_positions(problem, state)[0]
+        stays = model.known_sigma == 0 and n in given_in_use(problem, state)[0]
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)

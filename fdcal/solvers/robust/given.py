@@ -57,7 +57,7 @@ def resolved(problem: Problem, state: State) -> State:
     moved = objectives.with_unknowns(state, replace(found.unknowns, positions=best.positions))
     places, wrong = frozen_array(problem.known_positions[best.order], float), frozen_array(~best.right, bool)
     model = replace(moved.model, places=places, contradicted=wrong, known_sigma=best.sigma)
-    assumed = replace(moved, shape=moved.positions, model=model)
+    assumed = replace(moved, stage_start=moved.positions, model=model)
     mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0
     as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
     return state if as_before else assumed
@@ -99,7 +99,7 @@ def _released(problem: Problem, state: State) -> State:
     """Return `state` after steps without given positions, with suspicious channels moved and the noise estimated."""
     damped, every = noise.is_damped(problem, state), np.ones(len(problem.known), bool)
     model = replace(state.model, contradicted=every, damped=damped, directional=False)
-    state = replace(state, model=replace(model, directions=None), shape=state.positions)
+    state = replace(state, model=replace(model, directions=None), stage_start=state.positions)
     used = objectives.used_modes(problem, state)
     state, damping = relocated(problem, state)[0], STAGE_DAMPING
     for _ in range(FREE_STEPS):
@@ -111,7 +111,7 @@ def _released(problem: Problem, state: State) -> State:
         damping = trial.damping
         if trial.decrease < NEGLIGIBLE_DECREASE:
             break
-    return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
+    return noise.with_noise(problem, replace(state, stage_start=state.positions), rough=False)
 
 
 # To save time, the given positions are not examined further if the probability that chance causes a disagreement at
@@ -121,7 +121,7 @@ AGREE = 0.2
 
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     """Return whether the given positions in use and the pressures agree within their sigmas."""
-    known, places = objectives.constrained_positions(problem, state)
+    known, places = objectives.given_in_use(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
     sigma = max(state.model.known_sigma, GIVEN_SIGMA) if state.model.known_sigma > 0 else EXACT_SIGMA
@@ -151,7 +151,7 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
     The pressures do not determine the position of the array as a whole, and with little noise the prior of the given
     positions is too weak to move it in the last steps. An array with exact given positions stays as it is.
     """
-    x, (known, given) = state.positions, objectives.constrained_positions(problem, state)
+    x, (known, given) = state.positions, objectives.given_in_use(problem, state)
     if state.model.known_sigma == 0:
         return x
     away = np.linalg.norm(x[known] - given, axis=1)
@@ -231,7 +231,7 @@ def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float |
 # grow from 5 to 11 mm
 WRONG = 0.05
 # ratio of the largest to the smallest distance in the prior of a wrong position; with 10 an error can double
-DECADES = 1e3
+DISTANCE_RATIO = 1e3
 # width (nepers) of the log-normal prior of the sigma of a given coordinate about GIVEN_SIGMA, and its largest value,
 # metres; with a width of 1 the error of an array in space grows from 11 to 18 mm
 SIGMA_SPREAD = 0.6
@@ -244,7 +244,7 @@ def mirror_advantage(problem: Problem, state: State, found: FreeArray) -> float:
     The difference is small if the given positions lie on a line (in space, in a plane) within their accuracy and that
     of the array. It is infinite if too few positions are given to compare the two arrays.
     """
-    known, places = objectives.constrained_positions(problem, state)
+    known, places = objectives.given_in_use(problem, state)
     if len(known) <= problem.array_dimension or objectives.given_carry_scale(problem):
         return np.inf
     stated = EXACT_SIGMA if state.model.known_sigma == 0 else state.settings.known_sigma
@@ -297,7 +297,7 @@ def _images(
         away, sigma = b[~right] - moved[known[~right]], float(sigmas[best])
         distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
         sphere = 2 * np.pi if D == 2 else 4 * np.pi
-        evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DECADES))))
+        evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DISTANCE_RATIO))))
         images.append((float(evidence), sigma, (moved - centre) @ turn + target))
     turned_only = np.linalg.det(rigid_motion(x[constrained], ordered[right])[0]) > 0
     return images if turned_only else images[::-1]

@@ -112,7 +112,7 @@ def with_spreads(problem: Problem, state: State, trial: objectives.ChannelStep) 
             e, v = np.append(model.filters[:, column], expected), np.append(variance[:, D + 2 + column], 0.0)
             sigma = _updated_sigma(sigma, e, v, 1, expected, MAX_FILTER[column])
         filters.append(sigma)
-    (known, places), sigma = objectives.constrained_positions(problem, state), model.known_sigma
+    (known, places), sigma = objectives.given_in_use(problem, state), model.known_sigma
     if len(known) and sigma > 0 and not objectives.given_carry_scale(problem):
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
@@ -284,7 +284,7 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     x[moved] = x[others].mean(axis=0)
     tau[silent] = np.maximum(tau[silent], all_noise)
     model = replace(state.model, channel_noise=tau)
-    return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float), model=model)
+    return replace(state, positions=frozen_array(x, float), stage_start=frozen_array(x, float), model=model)
 
 
 # The imaginary part of k is used if (Im k R)^2 exceeds this times the noise fraction, where R is the RMS radius of the

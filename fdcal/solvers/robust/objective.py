@@ -341,7 +341,7 @@ def given_carry_scale(problem: Problem) -> bool:
     return problem.array_dimension < problem.dimension
 
 
-def constrained_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+def given_in_use(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Return the microphones (H,) whose given position is used, and these positions (H, D), metres."""
     right = ~state.model.contradicted
     return problem.known[right], state.model.places[right]
@@ -398,7 +398,7 @@ def field_of(problem: Problem, state: State, used: Integers) -> FieldModel:
     complex ones cost more time.
     """
     model, k = state.model, wavenumbers(problem, state)[used]
-    about = state.shape if model.damped or model.directional else None
+    about = state.stage_start if model.damped or model.directional else None
     directions = model.directions[used] if model.directional and model.directions is not None else None
     power, noise = model.power[used], model.noise[used]
     k = k.astype(complex) if model.damped else np.real(k)
@@ -410,7 +410,7 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
     model = state.model
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = CARRYING_TAIL if given_carry_scale(problem) else NU
-    constrained = constrained_positions(problem, state)
+    constrained = given_in_use(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
     sigmas, known_sigma = (model.gain_sigma, model.phase_sigma), model.known_sigma
     priors = Priors(*sigmas, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads)

@@ -35,7 +35,7 @@ FIELD_ROUNDS = 3  # rounds in which `estimate_at` estimates the field; the secon
 def result(problem: Problem, state: State) -> Estimate:
     """Return what the solver has found at `state`."""
     problem = objectives.in_unit_power(problem)
-    state = replace(state, progress=replace(state.progress, stage=FINAL), shape=state.positions)
+    state = replace(state, progress=replace(state.progress, stage=FINAL), stage_start=state.positions)
     claim, here, model = claim_of(problem, state), objectives.unknowns_of(state), state.model
     (N, D), likely = state.positions.shape, claim.likely
     sigma = np.zeros(here.vector.size)
@@ -56,7 +56,7 @@ def result(problem: Problem, state: State) -> Estimate:
         problem=problem,
         modes=state.modes,
         positions=state.positions,
-        converged=state.converged or state.finished,
+        ended=state.converged or state.finished,
         channels=ChannelEstimate(state.gains, each[:, :2], model.filters, each[:, 2:], spread, model.channel_noise),
         field=FieldEstimate(model.noise_fraction, model.power[state.modes], noise_power, claim.weakened.terms),
         spread=claim.spread,

@@ -40,7 +40,7 @@ def begin(
         offsets=np.zeros((N, 2)),
         model=objectives.first_model(problem, settings),
         progress=StageProgress(restart=-1, stage=SEARCH, rounds=0, steps=0, damping=0.0),
-        shape=here,
+        stage_start=here,
         starts=None,
         optima=(),
     )
@@ -59,7 +59,9 @@ def next_restart(problem: Problem, state: State) -> State:
         # The last stage begins at the most likely optimum, because directions can only be learned reliably there.
         best = likeliest(state)
         progress = replace(state.progress, rounds=0, stage=FINAL)
-        at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
+        at_best = replace(
+            state, positions=best.positions, stage_start=best.positions, gains=best.gains, offsets=best.offsets
+        )
         state = replace(at_best, model=best.model, progress=progress)
         state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
         return refined(problem, noise.with_last_field(problem, given.resolved(problem, state)))
@@ -74,7 +76,9 @@ def likeliest(state: State) -> LocalOptimum:
 
 def refined(problem: Problem, state: State) -> State:
     """Return the beginning of a round of the last stage, with noise, directions and filters estimated again."""
-    begun = begin_stage(problem, noise.with_noise(problem, replace(state, shape=state.positions), rough=False), FINAL)
+    begun = begin_stage(
+        problem, noise.with_noise(problem, replace(state, stage_start=state.positions), rough=False), FINAL
+    )
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
     return noise.with_filters(problem, begun)
@@ -84,7 +88,7 @@ def finished(problem: Problem, state: State) -> State:
     """Return the last state of a run: the array is moved into its frame, and the directions are learned there."""
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
-    ended = replace(state, positions=positions, shape=positions, finished=True)
+    ended = replace(state, positions=positions, stage_start=positions, finished=True)
     return noise.with_directions(problem, ended, objectives.used_modes(problem, ended), DIRECTION_UPDATES)
 
 
@@ -114,7 +118,7 @@ def after_stage(end: StageEnd) -> State:
     if name == "final":
         return _next_final(end)
     model = replace(state.model, damped=noise.is_damped(problem, state), directional=False)
-    estimated = replace(state, model=model, shape=state.positions)
+    estimated = replace(state, model=model, stage_start=state.positions)
     estimated = noise.with_noise(problem, estimated, rough=name == "free")
     searched, moved = relocated(problem, estimated)
     searched = noise.with_silent_inside(problem, searched)
@@ -143,7 +147,7 @@ def _after_restart(end: StageEnd) -> State:
 
 
 def _next_final(end: StageEnd) -> State:
-    """Return another round of the last stage if noise, field or given positions have changed, or else the end.
+    """Return another round if noise, field or given positions changed or the stage did not converge, else the end.
 
     The short windows of the recordings determine small arrays far better than the long rows; they are used from the
     second round on. The damping of the waves is modelled as soon as the noise is low enough.
@@ -204,4 +208,4 @@ def with_windows(problem: Problem, state: State) -> State | None:
     # With given positions, the array is already in the right basin and in their frame.
     x = state.positions if len(problem.known) else frozen_array(term.positions, float)
     progress = replace(state.progress, rounds=0, steps=0)
-    return refined(problem, replace(state, positions=x, shape=x, model=fitted, progress=progress))
+    return refined(problem, replace(state, positions=x, stage_start=x, model=fitted, progress=progress))

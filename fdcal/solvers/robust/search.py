@@ -43,7 +43,7 @@ def begin(problem: Problem, state: State) -> State:
     x[problem.known] = problem.known_positions  # for display only: `step` computes the start again
     x = frozen_array(x, float)
     progress = replace(state.progress, stage=SEARCH, rounds=0, steps=number)
-    return replace(state, stage=state.stage + 1, positions=x, shape=x, starts=(), progress=progress)
+    return replace(state, stage=state.stage + 1, positions=x, stage_start=x, starts=(), progress=progress)
 
 
 def step(problem: Problem, state: State) -> State:
@@ -59,7 +59,7 @@ def step(problem: Problem, state: State) -> State:
             failure = error
             continue
         best, progress = found[0].positions, replace(state.progress, steps=number + 1)
-        return replace(state, positions=best, shape=best, starts=found, progress=progress)
+        return replace(state, positions=best, stage_start=best, starts=found, progress=progress)
     if failure is not None and not state.starts:
         raise failure
     return replace(state, progress=replace(state.progress, steps=len(starts.plan(problem, state.last))))

@@ -19,7 +19,7 @@ def begin_stage(problem: Problem, state: State, stage: int) -> State:
     progress = replace(state.progress, stage=stage, steps=0, damping=STAGE_DAMPING)
     if state.model.arrival_sigma is None:
         state = noise.with_arrivals(problem, state)
-    return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
+    return replace(state, stage=state.stage + 1, progress=progress, stage_start=state.positions)
 
 
 def begin_restart(problem: Problem, state: State, positions: np.ndarray) -> State:
@@ -29,7 +29,7 @@ def begin_restart(problem: Problem, state: State, positions: np.ndarray) -> Stat
     gains = frozen_array(np.pi * np.outer(inverted, [0, 1]), float)
     model = objectives.first_model(problem, state.settings)
     progress = StageProgress(restart=state.restart + 1, stage=FREE, rounds=0, steps=0, damping=0.0)
-    begun = replace(state, positions=x, shape=x, gains=gains, offsets=gains, model=model, progress=progress)
+    begun = replace(state, positions=x, stage_start=x, gains=gains, offsets=gains, model=model, progress=progress)
     return begin_stage(problem, noise.with_noise(problem, begun), FREE)
 
 

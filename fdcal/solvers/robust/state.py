@@ -148,7 +148,7 @@ class State(RunState):
     model: Model
     progress: StageProgress
     # (N, D) float64, metres, positions at the beginning of the stage, whose mean is the centre of the field
-    shape: Reals
+    stage_start: Reals
     # arrays found so far or, after the search, those still to be refined, most likely first; None before the search
     starts: tuple[FittedStart, ...] | None
     optima: tuple[LocalOptimum, ...]  # the optima that the restarts have reached so far

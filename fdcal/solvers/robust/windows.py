@@ -7,11 +7,11 @@ the fit is approximated by a quadratic that moves and turns with the array:
 
     S(x) = (x' - x_s)^T A (x' - x_s) / 2,    x' the array x moved onto x_s,    A^-1 = COVARIANCE_INFLATION lambda F^-1
     F       Fisher information on the positions, with all other parameters eliminated
-    lambda  dispersion sum_g s_g^T F^-1 s_g / P of the P parameters, with the score s_g of group g minus the mean score;
-            it exceeds 1 because the windows of one room are not independent
+    lambda  dispersion sum_g s_g^T I^-1 s_g / P, with the Fisher information I of all P parameters and the score s_g
+            of group g minus the mean score; it exceeds 1 because the windows of one room are not independent
 
-The likelihood of the long rows is divided by the ratio of the covariance that the result states (`result`) to the
-inverse of its curvature, so that its weight agrees with the claimed covariance.
+The likelihood of the long rows is divided by `Claim.excess` (`spread`), so that its weight agrees with the claimed
+covariance. It and S are also divided by `WindowTerm.disagreement`, the factor by which they disagree.
 """
 
 import functools
@@ -42,9 +42,9 @@ MIN_MICROPHONES = 5  # least number whose shape and size the windows determine
 # 30 ms are too short, has an error of 49 mm with this term and of 8 mm without it. Arrays of 1.6 m have errors of 5 to
 # 30 mm with it and of 15 to 118 mm without it.
 MAX_DIAMETER = 0.2
-# Ratio of the covariance of the result to that of the fit. The spectrum has few parameters, and its misfit is the same
-# in all windows, so that more windows do not reduce its effect. Without this factor the median error of simulated and
-# measured arrays is 2.2 times the claimed sigma.
+# Ratio of the covariance of the result to that of the fit. The power by direction (`ShortField.spectrum`) has few
+# parameters, and its misfit is the same in all windows, so that more windows do not reduce its effect. Without this
+# factor the median error of simulated and measured arrays is 2.2 times the claimed sigma.
 COVARIANCE_INFLATION = 4.0
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
@@ -117,7 +117,7 @@ class WindowTerm:
         away = (positions - laid.positions).ravel()[used]
         both = (np.linalg.pinv(laid.precision, rcond=1e-9, hermitian=True) + covariance)[np.ix_(used, used)]
         # Each covariance is zero along the rotations of its own array. If the shapes differ, these are not the same
-        # moves, and the sum of the covariances is small, but not zero, along them. This is no knowledge of the shape.
+        # moves, and the sum of the covariances is small, but not zero, along them. These directions are left out.
         motions = rigid_motions(positions.ravel()[used].reshape(-1, positions.shape[1]))
         shape = np.linalg.qr(motions, mode="complete")[0][:, motions.shape[1] :]
         away, both = shape.T @ away, shape.T @ both @ shape
