@@ -139,7 +139,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("model_mismatch", "no sound field without sources explains", lambda e: with_channel_noise(e, 3, 1e4)),
     ("model_mismatch", "8 of 20 microphones", lambda e: with_channel_noise(e, 8, 6.0)),
     ("undersampled", "Eq. 9", lambda e: replace(with_frequencies(e, 10.0), interpolates=True)),
-    ("not_converged", "still moved", lambda e: replace(e, converged=False)),
+    ("not_converged", "still moved", lambda e: replace(e, ended=False)),
     ("known_position", "known microphone 0 and 5", lambda e: with_given_moved(e, 2)),
     ("known_position", "such a disagreement in 1 of 1000", lambda e: with_agreement(e, 1e-3)),
     ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(with_share(e, 0.01), 0.003)),
@@ -151,12 +151,14 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ("ambiguous", "may stand elsewhere", lambda e: with_share(with_channel_noise(e, 1, 5.0), 5e-4)),
     ("ambiguous", "the positions are uncertain by", lambda e: with_newton(e, 1e3)),
     ("ambiguous", "an error of a given position would not be noticed", with_loose_given),
+    ("ambiguous", "arrays that differ by 3.0 sigma", lambda e: replace(e, window_ratio=9.0)),
     ("good", "no check contradicts the positions found", lambda e: e),
 ]
 BLIND = 12  # only an array without given positions reaches this row
 # The changes that lead to the two rows of a pair exclude each other.
 EXCLUDED = {
-    (2, 4), (2, 15), (4, 15), (7, 12), (7, 16), (7, 17), (8, 12), (9, 10), (12, 17), (14, 16), (16, 17),
+    (2, 4), (2, 15), (4, 15), (4, 18), (7, 12), (7, 16), (7, 17), (8, 12), (9, 10), (9, 18), (10, 18), (12, 17),
+    (14, 16), (15, 18), (16, 17),
 }  # fmt: skip
 
 
@@ -189,16 +191,15 @@ def test_every_row_can_be_the_verdict(begun, row):
     assert (first_row(found), verdict.verdict) == (row, code) and words in verdict.message
 
 
-def test_a_contradiction_of_windows_and_rows_is_reported(estimate):
-    assert "short windows" not in assess(replace(estimate, window_ratio=1.5)).message
-    assert "arrays that differ by 3.0 sigma" in assess(replace(estimate, window_ratio=9.0)).message
+def test_windows_and_rows_that_nearly_agree_are_good(estimate):
+    assert assess(replace(estimate, window_ratio=3.9)).verdict == "good"
 
 
 def test_an_array_that_was_not_found_contradicts_no_given_position(estimate):
     moved = with_given_moved(estimate, 2)
     assert {fault.name for fault in assess(moved).channels.faults} == {"0", "5"}
     for lost, verdict in (
-        (replace(moved, converged=False), "not_converged"),
+        (replace(moved, ended=False), "not_converged"),
         (with_step(moved, 5.0), "not_converged"),
         (replace(with_frequencies(moved, 10.0), interpolates=True), "undersampled"),
     ):
