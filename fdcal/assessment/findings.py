@@ -338,10 +338,9 @@ FINDINGS: tuple[Finding, ...] = (
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),
     Finding("ambiguous", lambda seen, limit: seen.estimate.window_ratio > limit,
-            lambda seen: "short windows and long spectra give arrays that differ by"
-                         f" {np.sqrt(seen.estimate.window_ratio):.1f} sigma, of which at least one is wrong",
+            lambda seen: f"windows and long spectra give arrays {np.sqrt(seen.estimate.window_ratio):.1f} sigma apart",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record another take with the source elsewhere",
-            4.0, "reduced chi-square of the difference of two estimates; with arrays that were found it reaches 1.4"),
+            2.0, "reduced chi-square of the difference of two estimates; for arrays that were found it reaches 1.4"),
     Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),
 )
 # fmt: on

@@ -59,10 +59,8 @@ def next_restart(problem: Problem, state: State) -> State:
         # The last stage begins at the most likely optimum, because directions can only be learned reliably there.
         best = likeliest(state)
         progress = replace(state.progress, rounds=0, stage=FINAL)
-        at_best = replace(
-            state, positions=best.positions, stage_start=best.positions, gains=best.gains, offsets=best.offsets
-        )
-        state = replace(at_best, model=best.model, progress=progress)
+        state = replace(state, positions=best.positions, stage_start=best.positions, model=best.model)
+        state = replace(state, gains=best.gains, offsets=best.offsets, progress=progress)
         state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
         return refined(problem, noise.with_last_field(problem, given.resolved(problem, state)))
     first, *others = state.starts
@@ -76,9 +74,8 @@ def likeliest(state: State) -> LocalOptimum:
 
 def refined(problem: Problem, state: State) -> State:
     """Return the beginning of a round of the last stage, with noise, directions and filters estimated again."""
-    begun = begin_stage(
-        problem, noise.with_noise(problem, replace(state, stage_start=state.positions), rough=False), FINAL
-    )
+    here = replace(state, stage_start=state.positions)
+    begun = begin_stage(problem, noise.with_noise(problem, here, rough=False), FINAL)
     updates = DIRECTION_UPDATES if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
     return noise.with_filters(problem, begun)
