@@ -22,7 +22,7 @@ import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..model.validation import length_text
-from ..solvers.interface import Estimate
+from ..solvers.interface import CONTRADICTION, Estimate
 from .calibration import OF_LIST, ChannelFault
 from .uncertainty import one_sigma, root_mean_square
 from .words import faults_text, listed
@@ -185,6 +185,9 @@ def _good(seen: Judged) -> str:
     given, words = seen.estimate.given, precision(_sought_sigma(seen))
     if len(seen.estimate.problem.known) and given.sigma > INACCURATE * given.expected_sigma:
         words += f"; the given positions are inaccurate, one sigma {length_text(given.sigma, 2)}"
+    if seen.estimate.window_ratio > CONTRADICTION:
+        apart = np.sqrt(seen.estimate.window_ratio)
+        words += f"; short windows and long spectra are {apart:.1f} sigma apart, so that one sigma is enlarged"
     if seen.estimate.flat:
         words += "; the array is flat, so that all heights were held near a plane"
     if not seen.faulty:
@@ -337,10 +340,6 @@ FINDINGS: tuple[Finding, ...] = (
                          f" microphone is {length_text(seen.loosest, 2)}",
             lambda seen: f"{MORE_MODES}give {_least_certain(seen)}",
             0.04, "metres, sigma of a known microphone without its given position; at least 3 sigmas of the array"),
-    Finding("ambiguous", lambda seen, limit: seen.estimate.window_ratio > limit,
-            lambda seen: f"windows and long spectra give arrays {np.sqrt(seen.estimate.window_ratio):.1f} sigma apart",
-            lambda seen: f"{MORE_MODES}give {_least_certain(seen)}, or record another take with the source elsewhere",
-            2.0, "reduced chi-square of the difference of two estimates; for arrays that were found it reaches 1.4"),
     Finding("good", lambda seen, _: True, _good, reason="no check has found anything"),
 )
 # fmt: on

@@ -89,6 +89,9 @@ class PositionSpread:
 # in their 95 % ellipses (89.2 % with the value 0). A dispersion below 1 has no effect: if it reduced the covariance,
 # the errors would be 1.24 times the claimed sigma instead of 1.0 times.
 EXCESS = 0.75
+# Reduced chi-square of the difference of two estimates above which they contradict each other. Estimates of a measured
+# array of 44 mm that differ by 5 mm reach 11.
+CONTRADICTION = 4.0
 
 
 @dataclass(frozen=True)

@@ -166,6 +166,15 @@ def test_windows_are_used_if_all_channels_share_a_delay_and_leave_out_a_late_cha
     assert np.array_equal(np.flatnonzero(~counted.any(axis=1)), [3])
 
 
+def test_rows_with_a_microphone_elsewhere_that_contradict_the_windows_are_a_rival(fewer, small_array, monkeypatch):
+    """A ball of 0.8 m was called good 0.2 m off, with one sigma of 31 mm, although its two estimates differed."""
+    for apart, is_rival in ((0.05, False), (0.3, True)):
+        moved = small_array[1] + apart * np.eye(8, 3)
+        term = WindowTerm(moved, windows.precision_of(1e-6 * np.eye(24), moved))
+        monkeypatch.setattr(windows, "window_term", lambda *_, term=term: term)
+        assert (at_the_end(fewer, small_array[1]).model.window_rival is not None) == is_rival
+
+
 def test_arrivals_of_six_takes_are_not_outweighed():
     """If times determine the array, it ends within three of their sigmas from their optimum; 13 unknowns are free."""
     rng = np.random.default_rng(0)

@@ -16,6 +16,7 @@ from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from .. import starts
+from ..interface import CONTRADICTION
 from . import given, noise, search, windows
 from . import objective as objectives
 from .channels import relocated
@@ -169,8 +170,6 @@ def with_windows(problem: Problem, state: State) -> State | None:
     The result is None if the windows do not determine the array. The likelihood of the long rows is divided by a factor
     that makes its weight agree with the covariance that the result states for these rows.
     """
-    if problem.windows is None:
-        return None
     model = state.model
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
     if model.delay_sigma == 0:  # otherwise all delays are free, and also absorb position errors of healthy channels
@@ -189,11 +188,14 @@ def with_windows(problem: Problem, state: State) -> State | None:
     if term is None:
         return None
     ratio = term.disagreement(state.positions, covariance)
+    # If a microphone is far apart in the two estimates, they belong to different arrays, and either may be right.
+    away = np.linalg.norm(term.laid_on(state.positions).positions - state.positions, axis=1)
+    others = ratio > CONTRADICTION and bool(away[counted].max() > windows.APART / windows.LOW_BAND)
     fitted = replace(
         model,
         window_positions=term.positions,
         window_precision=term.precision / ratio,
-        window_rival=term.rival,
+        window_rival=state.positions if others else term.rival,
         window_ratio=ratio,
         tempering=model.tempering * claim.excess * ratio,
         # So far the long rows had too much weight. Delays that were found with this weight may be wrong and contradict
