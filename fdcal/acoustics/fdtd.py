@@ -208,12 +208,11 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     if samples < taps:
         remedy = f"use at least {math.ceil(1000 * taps / fs) / 1000:g} s, or a higher source.low"
         raise refusal("source.duration", source.duration, "is shorter than the pulse", remedy, "s")
-    signal = pulse(source)
     source_cell = cells_at(grid, [source.place], room.cell_size, "source.position")[0]
     receiver_cells = cells_at(grid, receivers, room.cell_size, "microphone")
     recordings = np.zeros((len(receivers), samples))
     state = np.zeros((2, grid.mask.shape[0] + 2, padded_width(grid)))
-    _run(grid, state, samples - 1, (source_cell, signal), (receiver_cells, recordings), progress)
+    _run(grid, state, samples - 1, (source_cell, pulse(source)), (receiver_cells, recordings), progress)
     return recordings
 
 

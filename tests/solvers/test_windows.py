@@ -75,9 +75,8 @@ def test_estimates_that_differ_by_more_than_both_claim_are_less_certain(term):
     values, vectors = np.linalg.eigh(free := np.linalg.pinv(term.precision, rcond=1e-9, hermitian=True))
     z = np.sqrt(2 * np.maximum(values, 0)) * np.random.default_rng(4).standard_normal(18)
     away = vectors @ z  # as if two covariances were equal
-    assert term.disagreement(term.positions, free) == 1
-    near, far = (term.disagreement(term.positions + c * away.reshape(6, 3), free) for c in (1, 5))
-    assert near < 2.5 and 10 < far < 50
+    same, near, far = (term.disagreement(term.positions + c * away.reshape(6, 3), free) for c in (0, 1, 5))
+    assert same == 1 and near < 2.5 and 10 < far < 50
 
 
 def test_a_large_difference_that_the_estimates_claim_is_no_disagreement():
@@ -170,7 +169,7 @@ def test_rows_with_a_microphone_elsewhere_that_contradict_the_windows_are_a_riva
     """A ball of 0.8 m was called good 0.2 m off, with one sigma of 31 mm, although its two estimates differed."""
     for apart, is_rival in ((0.05, False), (0.3, True)):
         moved = small_array[1] + apart * np.eye(8, 3)
-        term = WindowTerm(moved, windows.precision_of(1e-6 * np.eye(24), moved))
+        term = WindowTerm(moved, precision_of(1e-6 * np.eye(24), moved))
         monkeypatch.setattr(windows, "window_term", lambda *_, term=term: term)
         assert (at_the_end(fewer, small_array[1]).model.window_rival is not None) == is_rival
 
