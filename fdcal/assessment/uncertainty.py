@@ -187,8 +187,7 @@ def position_bound(information: Information, prior: Prior) -> Bound:
 def covariance_of(estimate: Estimate, by_model: bool = False) -> np.ndarray:
     """Return the covariance of each position (N, D, D), metres^2: C of the module docstring, or P if `by_model`."""
     (N, D), spread = estimate.positions.shape, estimate.spread
-    covariance = spread.newton if by_model else spread.covariance
-    blocks = np.einsum("nanb->nab", covariance.reshape(N, D, N, D))
+    blocks = np.einsum("nanb->nab", (spread.newton if by_model else spread.covariance).reshape(N, D, N, D))
     return blocks if by_model else blocks + spread.step[:, :, None] * spread.step[:, None, :]
 
 

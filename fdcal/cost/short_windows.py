@@ -131,8 +131,7 @@ def advanced(field: ShortField, step: Reals) -> ShortField:
     N, S = len(field.positions), len(SPECTRUM)
     each, rest = step[: 5 * N].reshape(N, 5), step[5 * N :]
     waves = rest[S + NOISE_NODES :].reshape(*field.curvature.shape, OF_WAVE)
-    turned = np.einsum("twa,twab->twb", waves[..., POWER_NODES:-1], _tangents(field.directions))
-    v = field.directions + turned
+    v = field.directions + np.einsum("twa,twab->twb", waves[..., POWER_NODES:-1], _tangents(field.directions))
     return ShortField(
         positions=field.positions + each[:, :3],
         channels=field.channels + each[:, 3:],

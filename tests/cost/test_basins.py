@@ -129,8 +129,7 @@ def test_every_step_descends_and_the_end_is_the_minimum_of_the_basin(ambiguous, 
         path = descent_path(cost, search, basins, start)
         inside = np.clip(start, search.origin, np.add(search.origin, search.size))
         np.testing.assert_allclose(path.points[0], inside, atol=1e-9)
-        assert np.all(np.diff(path.costs) < 0)
-        assert path.basin == basins.at(search, inside)
+        assert np.all(np.diff(path.costs) < 0) and path.basin == basins.at(search, inside)
         if path.basin != OUTSIDE:
             np.testing.assert_allclose(path.points[-1], ends[path.basin], atol=1e-9)
             reached.add(path.basin)

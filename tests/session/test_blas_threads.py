@@ -38,8 +38,7 @@ def test_the_last_of_several_computations_restores_the_threads_also_after_an_err
 def test_a_calibration_or_a_command_has_one_thread_and_restores_the_others(two_threads):
     seen, measurement = [], fdcal.simulate("tiny")
     fdcal.calibrate(measurement, modes=8, progress=lambda done, note: seen.extend(threads()))
-    assert set(seen) == {1}
-    assert set(threads()) == {2}
+    assert set(seen) == {1} and set(threads()) == {2}
     before = dict(os.environ)
     exit_code("scenes")
     assert before == os.environ and set(threads()) == {2}

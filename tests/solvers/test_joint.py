@@ -139,8 +139,7 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     pressures = rigid_room(truth, np.multiply(size, [0.95, 0.93]), wavenumbers, size=size)
     measurement = Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers)
     last = solve(measurement, SolverSettings(modes=len(frequencies)))[-1]
-    assert last.converged
-    assert position_errors(align(last.positions, truth), truth).max() < 5e-3
+    assert last.converged and position_errors(align(last.positions, truth), truth).max() < 5e-3
 
 
 def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):

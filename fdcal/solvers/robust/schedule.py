@@ -20,7 +20,7 @@ from ..interface import CONTRADICTION
 from . import given, noise, search, windows
 from . import objective as objectives
 from .channels import relocated
-from .spread import claim_of
+from .spread import Claim, claim_of
 from .stages import begin_restart, begin_stage
 from .state import DIRECTION_UPDATES, FINAL, SEARCH, STAGES, LocalOptimum, StageProgress, State
 
@@ -168,7 +168,8 @@ def with_windows(problem: Problem, state: State) -> State | None:
     """Return the last stage with a term of the short windows, at the array that they determine.
 
     The result is None if the windows do not determine the array. The likelihood of the long rows is divided by a factor
-    that makes its weight agree with the covariance that the result states for these rows.
+    that makes its weight agree with the covariance that the result states for these rows. This is found at the array of
+    the windows, where the noise can be a hundredth of that at the array of the rows.
     """
     model = state.model
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE
@@ -177,17 +178,13 @@ def with_windows(problem: Problem, state: State) -> State | None:
     flat = windows.must_be_flat(state.positions)
     if not windows.usable(problem, state.positions, counted, flat):
         return None
-    # The windows and the long rows are compared without the given positions, which help to determine the array and
-    # would hide how unreliable the pressures are.
-    no_given = replace(model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
-    claim = claim_of(starts.without_given(problem), replace(state, model=no_given))
-    covariance = claim.spread.covariance
-    if flat and windows.flat_evidence(state.positions, covariance) < windows.FLAT_NATS:
+    claim = _claim_of_rows(problem, state)
+    if flat and windows.flat_evidence(state.positions, claim.spread.covariance) < windows.FLAT_NATS:
         return None
     term = windows.window_term(problem, state.positions, state.offsets[:, 1], counted, flat)
     if term is None:
         return None
-    ratio = term.disagreement(state.positions, covariance)
+    ratio = term.disagreement(state.positions, claim.spread.covariance)
     # If a microphone is far apart in the two estimates, they belong to different arrays, and either may be right.
     away = np.linalg.norm(term.laid_on(state.positions).positions - state.positions, axis=1)
     others = ratio > CONTRADICTION and bool(away[counted].max() > windows.APART / windows.LOW_BAND)
@@ -197,7 +194,7 @@ def with_windows(problem: Problem, state: State) -> State | None:
         window_precision=term.precision / ratio,
         window_rival=state.positions if others else term.rival,
         window_ratio=ratio,
-        tempering=model.tempering * claim.excess * ratio,
+        tempering=claim.excess * ratio,
         # So far the long rows had too much weight. Delays that were found with this weight may be wrong and contradict
         # the arrival times. `refined` seeks delays again, with the new weight.
         delay_sigma=0.0,
@@ -207,4 +204,16 @@ def with_windows(problem: Problem, state: State) -> State | None:
     # With given positions, the array is already in the right basin and in their frame.
     x = state.positions if len(problem.known) else frozen_array(term.positions, float)
     progress = replace(state.progress, rounds=0, steps=0)
-    return refined(problem, replace(state, positions=x, stage_start=x, model=fitted, progress=progress))
+    placed = refined(problem, replace(state, positions=x, stage_start=x, model=fitted, progress=progress))
+    tempering = _claim_of_rows(problem, placed).excess * ratio
+    return replace(placed, model=replace(placed.model, tempering=tempering))
+
+
+def _claim_of_rows(problem: Problem, state: State) -> Claim:
+    """Return the claim of the long rows alone.
+
+    It excludes the given positions, which help to determine the array and would hide how unreliable the pressures are.
+    """
+    alone = replace(state.model, contradicted=np.zeros(0, bool), places=np.zeros((0, problem.array_dimension)))
+    alone = replace(alone, window_positions=None, tempering=1.0)
+    return claim_of(starts.without_given(problem), replace(state, model=alone))

@@ -316,8 +316,7 @@ def with_rival(
             tried.append((other, found))
     if not tried:
         return field, None
-    best = min(tried, key=lambda one: one[0])[1]
-    found, other = refit(likelihood, best)
+    found, other = refit(likelihood, min(tried, key=lambda one: one[0])[1])
     cost = likelihood.terms(field).cost
     if other > cost + MISFIT_NATS:
         return field, None
