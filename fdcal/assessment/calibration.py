@@ -49,8 +49,8 @@ class Evidence(FrozenArrays):
     frequencies_db : (M,) float64 or None
         The same for each frequency.
     noise_to_given : float or None
-        Ratio of the noise that the solver finds to the given noise, both medians over the frequencies; the verdict
-        model_mismatch quotes it. None if no noise is given.
+        Ratio of the noise that the solver finds, one fraction for all frequencies, to the median of the given noise;
+        the verdict model_mismatch quotes it. None if the given noise is 0, or none is given.
     """
 
     arrays = "microphones_db", "frequencies_db"

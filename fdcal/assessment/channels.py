@@ -24,12 +24,12 @@ MIN_NOISE = 1e-4
 POSITION_SIGMAS, MAX_BY_POSITION = 3.0, 0.01
 UNPREDICTED = 0.5  # fraction of a channel's variance or power that the others do not predict, above which it is dead
 # The prediction of a healthy channel becomes worse with its distance from the others. In a sparse array some channels
-# can hardly be predicted, and others by about half. Channels therefore only count as dead if all others are predicted
-# clearly better, which means that their unpredicted fraction is below UNPREDICTED divided by this factor. Without this
-# rule healthy channels count as dead in 24 of 48 sparse arrays. With it none does, and all dead channels of the suite
-# `benchmarks field` are found.
+# can hardly be predicted, and others by about half. Channels without much noise therefore only count as dead if all
+# others are predicted clearly better, which means that their unpredicted fraction is below UNPREDICTED divided by this
+# factor. Without this rule healthy channels count as dead in 24 of 48 sparse arrays. With it none does, and all dead
+# channels of the suite `benchmarks field` are found.
 PREDICTED_BETTER = 3.0
-MAX_UNPREDICTED = 0.5  # fraction of the channels above which none is dead, because the array is too sparse
+MAX_UNPREDICTED = 0.5  # fraction of unpredicted channels above which only noisy ones can be dead: the array is sparse
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray, names: Sequence[str]) -> dict[int, ChannelFault]:

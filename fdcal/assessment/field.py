@@ -4,7 +4,7 @@ The expansion of Eq. 2 is fitted to the pressures of each frequency. The prior o
 noise, so that a high order does no harm. The fit is the conditional mean of a Gaussian process with the covariance
 s W W^H + v I; k may be complex. The leave-one-out error of p_n is
 
-    (C^-1 p)_n / (C^-1)_nn,    C = W W^H + mu I,    mu = v / s
+    (C^-1 p)_n / (C^-1)_nn,    C = W W^H + mu I,    mu = v / (NOISE_DEFLATION s)
 
     W        dictionary at the microphones, about the centre of the array (Eq. 4, or its equivalent in space)
     s, v     power of the field and of the noise

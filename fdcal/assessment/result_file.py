@@ -325,7 +325,7 @@ def data_frame(self: Calibration) -> Any:
     """Return a pandas table with one row for each microphone, if pandas is installed.
 
     The columns are x, y (and z), metres; known; uncertainty, one sigma in metres; and error, metres, if it is known.
-    A solver that finds the gains adds gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, which is
+    A result with channels adds gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, which is
     "" for a healthy channel. Given positions add given_x, given_y (given_z) and given_difference, metres, which are
     NaN for a microphone without one. The names are the index.
 

@@ -112,10 +112,10 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
            result, force: bool):  # fmt: skip
     """Record takes, and print after each take where the microphones are.
 
-    EARLIER are files of takes of the same array that were recorded before. Each take is written to the file with the
-    next free number: take1.wav, take2.wav. While a take is recorded, the command names silent, clipped and duplicated
-    channels. After the take it names inverted and dead channels and, with --positions, swapped ones. Ctrl-C ends a take
-    and keeps what was recorded.
+    EARLIER are files of takes of the same array that were recorded before. The first take is written to TAKE, and each
+    further one to the file with the next free number: take2.wav, take3.wav. While a take is recorded, the command names
+    silent, clipped and duplicated channels. After the take it names inverted and dead channels and, with --positions,
+    swapped ones. Ctrl-C ends a take and keeps what was recorded.
 
     The exit code is that of `fdcal calibrate --check` for all takes together, 4 if they give no result, and 130 after
     Ctrl-C.
@@ -136,7 +136,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     if positions is not None:
         read_positions(positions)
     path = opt.output_path(output, SUFFIXES, force, *earlier, *replay)
-    found_path = opt.output_path(result, ".json", force, *earlier, *replay) if result else None
+    found_path = opt.output_path(result, ".json", force, *earlier, *replay, flag="--result") if result else None
     for file in earlier:
         formats.read(file)
     for file in replay:

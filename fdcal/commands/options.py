@@ -116,25 +116,25 @@ decibels = ValueOf(lambda value: _quantity(value, "(?i:dB)"), "must be decibels 
 percentage = ValueOf(lambda value: _quantity(value, "%") / 100, "must be a percentage with its sign, for example 0.3%")
 
 
-def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None) -> Path:
-    """Return the path of the option -o; commands check it before they begin work that may take long.
+def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: str | None, flag: str = "-o") -> Path:
+    """Return the path of the option `flag`; commands check it before they begin work that may take long.
 
     `suffix`: allowed suffixes, in lower case; `inputs`: files that must not be overwritten, even with `force`.
     """
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
-        raise InputError(f'-o "{text}" must end in {" or ".join(allowed)}', f"write NAME{allowed[0]}", key="output")
+        raise InputError(f'{flag} "{text}" must end in {" or ".join(allowed)}', f"write NAME{allowed[0]}", key="output")
     if path.is_dir():
-        raise InputError(f"-o {text} is a folder", "name a file", key="output")
+        raise InputError(f"{flag} {text} is a folder", "name a file", key="output")
     if not path.parent.is_dir():
-        raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
+        raise StorageError(f"{flag} {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for source in map(Path, filter(None, inputs)):
         linked = source.exists() and path.exists() and source.samefile(path)  # true for hard links, too
         if linked or os.path.realpath(source) == os.path.realpath(path):
-            raise InputError(f"-o {text} is the input itself", "choose another name, to keep the input", key="output")
+            raise InputError(f"{flag} {text} is the input itself", "choose another name, to keep it", key="output")
     if path.exists() and not force:
-        raise InputError(f"-o {text} exists", "add <force> to overwrite it, or choose another name", key="output")
+        raise InputError(f"{flag} {text} exists", "add <force> to overwrite it, or choose another name", key="output")
     return path
 
 

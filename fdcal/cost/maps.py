@@ -301,8 +301,8 @@ def likelihood_maps(
 ):
     """Return the cost of every mode with microphone `n` moved : (modes, ny, nx) float64.
 
-    It is the cost of `fdcal.cost.likelihood` for real wavenumbers and a diffuse field. With s and v the power of field
-    and noise, and V = 1 + h,
+    It is the cost of `fdcal.cost.likelihood` minus N log v, for real wavenumbers and a diffuse field. With s and v the
+    power of field and noise, and V = 1 + h,
 
         cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
 

@@ -10,7 +10,7 @@ needs u = C^-1 q and d = diag C^-1. With gamma_m = N - v_m sum_n tau_n d_mn, the
 mode m determines,
 
     s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
-    tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
+    tau_n <- tau_n sum_m v_m tau_n |u_mn|^2 / sum_m v_m tau_n d_mn
 
 An inverse gamma prior on s and tau acts like further observations of an expected value: it adds their sum to the
 numerator, and their number to the denominator.
@@ -25,7 +25,7 @@ source come from the same directions at every frequency, and each resonance cons
 diffuse field biases the positions, but a few microphones cannot determine the S_q of a single row. They are therefore
 learned together with A_q. With
 
-    alpha_q = W^H C^-1 p,    r_q = (W^H s C^-1 W)_qq, the number of observations of direction q in a row (at most 1),
+    alpha_q = s (W^H C^-1 p)_q,    r_q = s (W^H C^-1 W)_qq, the observations of direction q in a row (at most 1),
 
 one step of expectation-maximisation for a single row is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). A_q follows from all
 rows of the take by a step of majorisation-minimisation, which converges much faster if few microphones resolve the

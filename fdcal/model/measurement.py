@@ -711,13 +711,13 @@ def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -
     `given` are the names in the list. A label is the name of the channel, followed by that of its row in parentheses if
     they differ.
     """
-    rows = zip(names, _rows(names, given, excluded), strict=True)
-    labels = tuple(name if given[row] == name else f"{name} ({given[row]})" for name, row in rows)
+    rows = _rows(names, given, excluded)
+    labels = tuple(n if given[row] == n else f"{n} ({given[row]})" for n, row in zip(names, rows, strict=True))
     shared = len(set(names) & set(given))
     if shared == len(names):
         return labels, ""
     few = f"only {shared} of {len(names)} names of the list are names of channels" if shared else "the names differ"
-    return labels, f"{few}: the list is taken in row order, {given[0]} = channel {names[0]}"
+    return labels, f"{few}: the list is taken in row order, {given[rows[0]]} = channel {names[0]}"
 
 
 def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:

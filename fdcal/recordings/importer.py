@@ -168,7 +168,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         starts.pop()
     if len(starts) < 2:
         problem = f"split = {seconds:.3g} s is too long for {recording.path}, which lasts {recording.duration:.3g} s"
-        longest = recording.duration / 1.5
+        longest = 0.99 * min(recording.duration / 1.5, recording.duration - min_seconds)
         remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split")
     fs = recording.sample_rate
@@ -254,7 +254,7 @@ def _measurement_of_take(
     if known_positions is not None and known_positions.shape[1] != axes:
         problem = f"known = {options.known} gives {known_positions.shape[1]} coordinates, but the file has {axes}"
         raise InputError(problem, f"give {axes} coordinates", key="known")
-    places: Any = known_positions  # None: those in the file are used
+    places: Any = known_positions  # None if no microphone is known
     measurement = Measurement(
         frequencies=pressures.frequencies,
         pressures=pressures.pressures,

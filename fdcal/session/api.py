@@ -85,7 +85,8 @@ def load(
     if options:
         other = next((text for text in texts if not is_recording(text)), None)
         if other is not None:
-            raise InputError(f"{other} holds no recordings", f"leave out {', '.join(options)}")
+            given = ", ".join(options).replace("source", "sources")
+            raise InputError(f"{other} holds no recordings", f"leave out {given}")
         require_arguments("load", options, (field.name for field in fields(ImportOptions)))
         imported = ImportOptions(**options)
     with one_blas_thread():

@@ -140,8 +140,8 @@ class Lesson:
     def start(self, number: int, revealed: bool = False) -> tuple[Scene, int] | None:
         """Return the scene and the seed of step `number`, counted from 0, before or after its answer is revealed.
 
-        The last step with a `scene` or `changes` determines it; changes without a scene apply to the last scene named.
-        The result is None if no step up to this one names a scene.
+        The last step with `scene`, `changes` or `start_seed` determines it: its changes, if any, apply to the last
+        scene named, and those of earlier steps do not. The result is None if no step up to this one names a scene.
         """
         name, last = None, None
         every = [setting for step in self.steps[: number + 1] for setting in (step.page, step.then)]

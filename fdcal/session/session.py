@@ -1,10 +1,10 @@
 """The one solver thread, its commands, and the states of its run so far.
 
 A session plays, pauses, steps, rewinds and resets a solver without blocking the caller. It does not depend on a user
-interface: commands go in through a queue, and one frozen `SessionView` at a time comes out. Only the solver thread
-calls the solver's `init`, `step` and `use_modes`. A state holds all that `step` needs, so that a run can be continued
-from any state. `SolverRun` is what the solver thread does: it carries out commands, one step or one change of state
-at a time; `Session` owns the thread.
+interface: commands go in through a queue, and one frozen `SessionView` at a time comes out. The thread that makes a
+session computes its first state and cost; later, only the solver thread calls the solver's `init`, `step` and
+`use_modes`. A state holds all that `step` needs, so that a run can be continued from any state. `SolverRun` is what
+the solver thread does: it carries out commands, one step or one change of state at a time; `Session` owns the thread.
 
 The reference cost of a state does not depend on the solver. The solver thread computes it, and any thread may read it.
 Since a step can take less time than its cost, the costs of some states are left out while the solver runs, and computed

@@ -237,7 +237,7 @@ def scene_request(scene: Scene) -> OpenRequest:
     fix the frame, the page begins with the paper's method: random positions, and one microphone moves at a time.
     """
     if not isinstance(scene, MeasuredScene) and scene.room.dimension == 2 and scene.search is not None:
-        known = positions_of(scene)[list(scene.gauge.known or ())]
+        known = positions_of(scene)[list(scene.gauge.indices(scene.array.number))]
         one_source = scene.source is not None and len(scene.source.places) == 1
         as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
         if as_in_the_paper and (scene.solver.known, scene.solver.name) == ("all", SolverSettings().name):

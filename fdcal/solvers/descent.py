@@ -73,9 +73,9 @@ class State(RunState):
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
-    """Return the number added to ceil(kR) (Eq. 3).
+    """Return the number added to ceil(kR) (Eq. 3) if mode `modes`, counted from 1, is the highest in use.
 
-    It is 0 while few modes are in use, because with more functions the expansion would fit them at any positions.
+    It is 0 while only low modes are in use, because with more functions the expansion would fit them at any positions.
     """
     return settings.order_offset if modes >= settings.ample_modes else 0
 

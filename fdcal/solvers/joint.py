@@ -33,7 +33,7 @@ class State(robust.State):
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the start that `settings.start` names or at `positions` (N, D), metres.
+    """Return the first state: at `positions` (N, D), metres, at a random start, or at the first start of the search.
 
     Raises InputError for too few modes or microphones, known positions that do not fix the gauge, or a random start
     without a search domain.

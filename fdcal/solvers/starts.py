@@ -111,7 +111,7 @@ def without_given(problem: Problem) -> Problem:
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
-    """Return positions (N, D), metres, from the lowest modes; they are exact up to the gauge if the field is affine.
+    """Return positions (N, D), metres, from the lowest modes; exact if the field is affine and microphones are known.
 
     modes : number of modes that may be used, from the lowest up; lowest : number of modes that determine the shape.
     Without known microphones the positions are centred on the origin. Raises InputError if the modes span too few

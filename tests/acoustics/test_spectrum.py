@@ -47,8 +47,7 @@ def test_peaks_are_the_eigenfrequencies(scene, recordings):
     modes = eigenfrequencies(scene)
     modes = modes[modes < sensing.highest]
     nearest = np.abs(picked[:, None] - modes)
-    assert np.all(np.diff(picked) > 0)
-    assert len(np.unique(nearest.argmin(axis=1))) == len(picked)
+    assert np.all(np.diff(picked) > 0) and len(np.unique(nearest.argmin(axis=1))) == len(picked)
     apart = np.diff(modes, prepend=sensing.lowest, append=sensing.highest)
     alone = np.minimum(apart[1:], apart[:-1]) > 2 * sensing.resolution  # closer resonances shift each other's peak
     assert nearest.min(axis=0)[alone].max() < 0.1
@@ -141,8 +140,7 @@ def test_noise_has_the_requested_power(scene, recordings):
     power = np.mean(np.abs(clean.pressures) ** 2, axis=1)
     np.testing.assert_allclose(measured.noise_power, power / 100)
     error = np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None]
-    assert error.mean() == pytest.approx(1, abs=0.15)
-    assert not np.any(clean.noise_power)
+    assert error.mean() == pytest.approx(1, abs=0.15) and not np.any(clean.noise_power)
     np.testing.assert_array_equal(measure(noisy, recordings).pressures, measured.pressures)
 
 

@@ -148,7 +148,7 @@ def test_a_bar_shows_on_a_terminal_how_much_is_recorded(folder, tmp_path, monkey
     (["--replay", "one.wav", "--positions", "nowhere.csv"], "nowhere.csv"),
     (["--replay", "one.wav", "--replay", "one.wav", "nowhere.wav"], "cannot read nowhere.wav"),
     (["--replay", "one.wav", "--seconds", "nan"], "seconds = nan must be a number"),
-    (["--replay", "one.wav", "--result", "list.json"], "list.json exists"),
+    (["--replay", "one.wav", "--result", "list.json"], "--result list.json exists"),
 ])  # fmt: skip
 def test_what_cannot_be_recorded_is_one_line_and_no_file(folder, monkeypatch, capsys, options, words):
     monkeypatch.chdir(folder)

@@ -183,8 +183,7 @@ def test_a_file_is_written_whole_or_not_at_all_and_not_overwritten_without_force
         write_atomically(path, lambda file: file.write_text("two"))
     assert path.read_text() == "one"
     write_atomically(path, lambda file: file.write_text("two"), force=True)
-    assert path.read_text() == "two"
-    assert os.listdir(tmp_path) == ["a.txt"]
+    assert path.read_text() == "two" and os.listdir(tmp_path) == ["a.txt"]
 
 
 def test_recordings_and_measurement_are_made_once(scene, folder, runs):

@@ -62,9 +62,7 @@ def test_the_decay_is_estimated_in_noise():
     clean = estimate_decay(recorded(ringing), BAND).rate
     noise = 0.01 * np.random.default_rng(1).standard_normal(ringing.shape)
     decay = estimate_decay(recorded(ringing + noise), BAND)
-    assert clean == pytest.approx(20, rel=0.1)
-    assert decay.rate == pytest.approx(20, rel=0.15)
-    assert 0.2 < decay.tail < 0.5
+    assert clean == pytest.approx(20, rel=0.1) and decay.rate == pytest.approx(20, rel=0.15) and 0.2 < decay.tail < 0.5
 
 
 def test_the_decay_is_estimated_after_the_end_of_a_sweep():

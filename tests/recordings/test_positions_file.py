@@ -11,6 +11,7 @@ from recorded import write_places
 from running import exit_code, refuses
 
 import fdcal
+from fdcal.model.measurement import list_labels
 from fdcal.recordings.formats.positions import read_places, read_positions
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
@@ -237,6 +238,10 @@ def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_
     assert fdcal.compare_positions(found.positions, measurement.positions, measurement.known).swapped == ((3, 10),)
     np.testing.assert_array_equal(found.positions, plain.positions)
     assert found.max_error > plain.max_error
+
+
+def test_rows_that_are_matched_by_channel_number_are_named_as_they_are_taken():
+    assert list_labels(("1", "2"), ("a", "b", "c"), 1)[1].endswith("b = channel 1")
 
 
 ROWS = "the list is taken in row order"

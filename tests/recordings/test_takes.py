@@ -103,6 +103,7 @@ def test_measurements_of_several_files_are_takes(folder, tmp_path):
         save_measurement(one, tmp_path / f"{s}.npz")
     same(fdcal.load([tmp_path / "0.npz", tmp_path / "1.npz"]), fdcal.Measurement.from_takes(single))
     refuses("holds no recordings", fdcal.load, [tmp_path / "0.npz", folder / "take1.wav"])
+    refuses("leave out sources", fdcal.load, tmp_path / "0.npz", sources=1)
     refuses("tiny is not a file of a take", lambda: fdcal.load(["tiny", str(tmp_path / "0.npz")]))
 
 
@@ -120,6 +121,8 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     recording = recording_of("long.wav", None, FS, rng.standard_normal((2, 10 * FS)))
     lengths = [[part.samples / FS for part in split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
     assert lengths == [[4, 4, 2], [3, 3, 4], [3.9, 3.9, 2.2]]
+    refuses("use 5.94 s or less", split, recording, 7.0, 4.0)
+    assert len(split(recording, 5.94, 4.0)) == 2
     samples = np.hstack([playing(0, 8, 1), 1e-3 * rng.standard_normal((COUNT, 8 * FS)), playing(1, 8, 2)])
     path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
     measurement, report = import_recording(path, ImportOptions(**GIVEN, split=8.0))

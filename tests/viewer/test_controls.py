@@ -292,6 +292,8 @@ def test_scenes_of_the_paper_open_with_descent_at_a_random_start_and_others_with
         assert solver.name == method and (name != "array1_circle" or solver.start == "random"), name
     chosen = edited(load_scene("tiny"), {"solver.name": "joint"})
     assert scene_request(chosen).scene is chosen
+    square = edited(load_scene("fig1_square"), {"solver.name": "robust"})  # its known microphones are those not free
+    assert scene_request(square).scene.solver.name == "descent"
 
 
 def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelled(opened):
