@@ -7,7 +7,7 @@ Otherwise its controls replace the old ones. Browsers stay connected, and the ch
 `AddressBar` keeps the view in the page's address after #: a link opens the same view (`fdcal.model.address`). In a
 lesson the page writes lesson and part, which determine everything else. Otherwise it writes scene, method, step,
 microphone (unless the map follows the solver), modes and map. Each browser adds its camera. The key "layout",
-"explore" or "expert", belongs to one browser and is not sent to the server (`server/page.js`).
+"explore" or "expert", belongs to one browser (`server/page.js`); the server only fits its camera.
 """
 
 import logging
@@ -198,8 +198,8 @@ class Page:
         self.server.gui.set_panel_label(f"fdcal · {run.scene.name}")
         if old is not None:
             old.binding.threads.close(1.0)
-        elif self._dark:
-            self._call(self._prefer, self._first, True)
+        if self._first is not None:  # its preference may have changed while the session was built
+            self._call(lambda: self._prefer(self._first, self._dark))
         if old is None or old.snapshot.picture.focus != new.snapshot.picture.focus:
             in_relief = old is None and new.binding.choices.kind == "relief"
             self.nodes.cameras.view = view = "close" if in_relief else "top"

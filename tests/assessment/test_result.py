@@ -277,8 +277,7 @@ def test_an_export_keeps_what_exists_and_refuses_other_suffixes_and_frames(tmp_p
 def test_the_table_of_pandas_has_positions_channels_and_given_positions():
     table = result(errors=[0.1, 0.2, 0.3, 0.4]).to_dataframe()
     assert table.columns.tolist() == ["x", "y", "z", "known", "uncertainty", "error"]
-    assert table.index.tolist() == list(NAMES)
-    assert table["known"].tolist() == [True, False, False, False]
+    assert table.index.tolist() == list(NAMES) and table["known"].tolist() == [True, False, False, False]
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), FOUR_POSITIONS)
     numbers, place = np.arange(20.0).reshape(5, -1), tuple((FOUR_POSITIONS[1] + [0.0, 0.03, 0.04]).tolist())
     given = (GivenPosition(NAMES[1], place, tuple(FOUR_POSITIONS[1].tolist()), 0.002, True),)
@@ -327,7 +326,6 @@ def test_the_html_of_a_notebook_escapes_names():
 @pytest.mark.parametrize("half_axis", [2e-6, 3e-4, 7e-3, 0.03, 0.5])
 def test_the_enlargement_is_a_round_number_and_makes_ellipses_visible(half_axis):
     factor = ellipse_scale(half_axis * np.eye(2)[None], 1.0)
-    assert factor >= 1
-    assert factor * half_axis >= VISIBLE * 0.999
+    assert factor >= 1 and factor * half_axis >= VISIBLE * 0.999
     assert factor == 1 or factor * half_axis < 2.5 * VISIBLE
     assert f"{factor:.0e}"[0] in "125"

@@ -148,8 +148,7 @@ def test_port_in_use_exits_2(refused):
         port = taken.getsockname()[1]
         line = refused("view", "tiny", "--port", port, "--no-browser")
         assert "gone.npz" in refused("view", "gone.npz", "--port", port, "--no-browser", code=3), "the file comes first"
-    assert f"port = {port} is in use" in line
-    assert "--port 0" in line
+    assert f"port = {port} is in use" in line and "--port 0" in line
 
 
 @pytest.mark.parametrize("arguments", [

@@ -94,8 +94,7 @@ def test_pause_stops_within_the_step_under_way(make):
     session.step()  # this command starts the next step
     solver.gate.release()
     assert session.wait_for(lambda view: view.count == 3, WAIT)
-    assert solver.began.acquire(timeout=WAIT)
-    assert not solver.began.acquire(blocking=False)
+    assert solver.began.acquire(timeout=WAIT) and not solver.began.acquire(blocking=False)
 
 
 def test_play_ends_where_the_solver_finishes_and_each_view_is_consistent(make):
@@ -232,8 +231,7 @@ def test_worker_runs_the_newest_request_only():
     assert worker.busy
     gate.release(2)
     assert worker.wait_for(lambda latest: latest is not None and latest.request == (49,), WAIT)
-    assert done == [0, 49] and worker.latest.result == 490
-    assert worker.close(WAIT)
+    assert done == [0, 49] and worker.latest.result == 490 and worker.close(WAIT)
 
 
 def test_the_threads_of_a_page_end_after_the_work_in_progress():

@@ -18,6 +18,7 @@ from fdcal.session import session_file
 from fdcal.session.scene_edits import edited
 from fdcal.session.sources import OpenRequest
 from fdcal.solvers import descent
+from fdcal.viewer import page as page_module
 from fdcal.viewer import prepare as preparing
 from fdcal.viewer.prepare import SessionSwitcher
 from fdcal.viewer.scene3d import SceneNodes
@@ -270,3 +271,13 @@ def test_a_compilation_is_waited_for(scene, monkeypatch):
     go_on.set()
     switcher.close(timeout=0.0)
     assert names()["fdcal-prepare"] <= before
+
+
+def test_a_preference_that_changes_while_a_session_is_built_is_followed(tiny_page, scene, monkeypatch):
+    (page, turn_until), made, browser = tiny_page, page_module.Viewer, object()
+    before = page.viewer
+    page._prefer(browser, True)
+    turn_until(lambda: before.binding.choices.dark)
+    monkeypatch.setattr(page_module, "Viewer", lambda *given: (made(*given), page._prefer(browser, False))[0])
+    page.open(OpenRequest(scene, 7))
+    turn_until(lambda: page.viewer is not before and not page.viewer.binding.choices.dark)
