@@ -352,8 +352,7 @@ def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
     It differs from the microphone's own row only where an exchange improves the fit.
     """
     order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
-    before = np.linalg.norm(placed - given, axis=1)
-    nearer = np.linalg.norm(placed - given[order], axis=1) < SWAPPED * before
+    nearer = np.linalg.norm(placed - given[order], axis=1) < SWAPPED * np.linalg.norm(placed - given, axis=1)
     for cycle in map(list, _cycles(order)):
         if np.mean(nearer[cycle]) >= IMPROVED:
             kept[cycle] = order[cycle]

@@ -56,7 +56,8 @@ np.empty(2_000_000)
 def blocks(modes: int, numbers: int) -> list[slice]:
     """Return slices of about equal length that cover all modes; the largest array of a mode has `numbers` elements."""
     count = -(-modes // max(1, int(BLOCK // numbers)))
-    return [slice(a, b) for a, b in itertools.pairwise(round(i * modes / count) for i in range(count + 1))]
+    edges = [round(i * modes / count) for i in range(count + 1)]
+    return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def over_blocks(rule: Callable[[slice], Result], modes: int, numbers: int) -> Iterator[list[Result]]:

@@ -25,7 +25,7 @@ source come from the same directions at every frequency, and each resonance cons
 diffuse field biases the positions, but a few microphones cannot determine the S_q of a single row. They are therefore
 learned together with A_q. With
 
-    alpha_q = s (W^H C^-1 p)_q,    r_q = s (W^H C^-1 W)_qq, the observations of direction q in a row (at most 1),
+    alpha_q = s (W^H C^-1 p)_q,    r_q = s (W^H C^-1 W)_qq (at most 1), the number of observations of q in a row,
 
 one step of expectation-maximisation for a single row is S_q <- S_q (|alpha_q|^2 / s + 1 - r_q). A_q follows from all
 rows of the take by a step of majorisation-minimisation, which converges much faster if few microphones resolve the

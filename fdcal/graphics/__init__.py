@@ -1,4 +1,4 @@
 """Pictures without a browser: primitives, composition, off-screen drawing, replay.
 
-May import: the packages from model to recordings.
+May import: the packages from model to session.
 """

@@ -13,7 +13,8 @@ Triangles = tuple[np.ndarray, np.ndarray]
 def lift(points, z: float) -> np.ndarray:
     """Return points (P, 2) or (P, 3) raised by `z` : (P, 3), metres; points of a plane are at height 0."""
     points = np.atleast_2d(np.asarray(points, float))
-    return np.column_stack([points[:, :2], (points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))) + z])
+    heights = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
+    return np.column_stack([points[:, :2], heights + z])
 
 
 def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:

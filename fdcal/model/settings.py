@@ -186,7 +186,7 @@ class SolverSettings:
     order_offset : int
         Number added to the order ceil(kR) of Eq. 3; the paper adds 0.
     ample_modes : int
-        Number of the highest mode in use from which "descent" adds `order_offset` to the order; below it adds 0.
+        Number, from 1, of a mode. "descent" adds `order_offset` if this mode or a higher one is in use, otherwise 0.
     known_weight : float
         Weight of a known microphone's squared residual in "descent"; in the paper it is 1.
     weights : str

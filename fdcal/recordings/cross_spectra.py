@@ -230,7 +230,7 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
 
 
 def eigenvectors(C: Complexes, independent: float, leakage: float) -> tuple[Integers, Complexes, Reals, Reals]:
-    """Return the rows above noise and leakage, at least one for each frequency: every first one, then the second ones.
+    """Return the rows above noise and leakage, at least one for each frequency, sorted by the number of the eigenvalue.
 
     `C` (M, N, N) are means over K `independent` segments; `leakage` is the ratio of the second to the first eigenvalue
     of a single source.

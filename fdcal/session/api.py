@@ -85,7 +85,7 @@ def load(
     if options:
         other = next((text for text in texts if not is_recording(text)), None)
         if other is not None:
-            given = ", ".join(options).replace("source", "sources")
+            given = ", ".join("sources" if key == "source" else key for key in options)
             raise InputError(f"{other} holds no recordings", f"leave out {given}")
         require_arguments("load", options, (field.name for field in fields(ImportOptions)))
         imported = ImportOptions(**options)

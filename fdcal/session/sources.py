@@ -14,7 +14,6 @@ import numpy as np
 from ..acoustics.fdtd import make_grid
 from ..acoustics.measure import cached_measurement, require_measurable
 from ..model.arrays import positions_of
-from ..model.gauge import fixes_gauge
 from ..model.measurement import FLAT, Measurement, exclude_microphones, list_labels, load_measurement, with_positions
 from ..model.quantities import Count, Seed
 from ..model.scene import Faults, MeasuredScene, Scene, load_scene, placeholder_scene
@@ -233,13 +232,13 @@ def measurement_request(inputs: CalibrationInput) -> OpenRequest:
 def scene_request(scene: Scene) -> OpenRequest:
     """Return the request for a page that shows a scene.
 
-    If the scene is like those of the paper, a plate with one source, channels without faults and known microphones that
-    fix the frame, the page begins with the paper's method: random positions, and one microphone moves at a time.
+    If the scene is like those of the paper, a plate with one source and channels without faults, the page begins with
+    the paper's method: random positions, and one microphone moves at a time. Known microphones always fix the frame in
+    such a scene (`fdcal.model.arrays.positions_of`).
     """
     if not isinstance(scene, MeasuredScene) and scene.room.dimension == 2 and scene.search is not None:
-        known = positions_of(scene)[list(scene.gauge.indices(scene.array.number))]
         one_source = scene.source is not None and len(scene.source.places) == 1
-        as_in_the_paper = one_source and scene.faults == Faults() and fixes_gauge(known)
+        as_in_the_paper = one_source and scene.faults == Faults()
         if as_in_the_paper and (scene.solver.known, scene.solver.name) == ("all", SolverSettings().name):
             scene = replace(scene, solver=replace(scene.solver, name=PAPER, start="random"))
     return OpenRequest(scene, fewer_modes=True)

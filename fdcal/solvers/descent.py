@@ -64,7 +64,7 @@ class State(RunState):
 
     @property
     def order_offset(self) -> int:
-        """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
+        """The number added to ceil(kR), which depends on the highest mode in use (`order_offset_of`)."""
         return order_offset_of(self.settings, self.last)
 
     def next_microphone(self, problem: Problem) -> int:

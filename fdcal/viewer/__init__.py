@@ -13,6 +13,7 @@ explore          the layout Explore, and the files that a user uploads
 prepare          from a request to a session that can be shown
 cost_maps        the map on the floor or in space, computed on threads
 scene3d          the scene: nodes and cameras
+opening          the film with which the page begins
 drop             microphones selected and dragged in the scene, and how they roll downhill
 server           who may connect, which values are accepted, the error log
 """

@@ -1,9 +1,9 @@
 """The panels of the layout Expert: their tabs, which last as long as the server, and the controls of a session.
 
 Since the tabs stay, a user who looks at a tab while another scene is opened sees the same tab afterwards. `Tabs` makes
-the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. From top to bottom a
-panel has the progress of a session that is being prepared, `RunBar` and `SolverTab`, which run and configure the
-solver, and the tabs.
+the controls of a session: an instance of every class derived from `Tab` in the modules of `tabs`. From top to bottom,
+the main panel has the progress of a session that is being prepared, `RunBar` and `SolverTab`, which run and configure
+the solver, and its tabs.
 """
 
 import pkgutil

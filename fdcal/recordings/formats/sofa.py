@@ -57,8 +57,7 @@ def cartesian(file, name: str, count: int | None = None) -> np.ndarray:
     values = values if count is None else each_of(values, name, count)
     if values.ndim < 2 or values.shape[1] != 3:
         raise InputError(f'"{name}" has shape {values.shape}', "give each position three coordinates", key=name)
-    variable = file.variables[name]
-    kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
+    kind, units = (str(getattr(file.variables[name], key, "")).strip().lower() for key in ("Type", "Units"))
     prefix = {"milli": 1e-3, "mm": 1e-3, "centi": 1e-2, "cm": 1e-2}
     values = values * next((scale for unit, scale in prefix.items() if units.startswith(unit)), 1.0)
     if kind in ("", "cartesian"):

@@ -187,12 +187,12 @@ def with_windows(problem: Problem, state: State) -> State | None:
     ratio = term.disagreement(state.positions, claim.spread.covariance)
     # If a microphone is far apart in the two estimates, they belong to different arrays, and either may be right.
     away = np.linalg.norm(term.laid_on(state.positions).positions - state.positions, axis=1)
-    others = ratio > CONTRADICTION and bool(away[counted].max() > windows.APART / windows.LOW_BAND)
+    elsewhere = ratio > CONTRADICTION and bool(away[counted].max() > windows.APART / windows.LOW_BAND)
     fitted = replace(
         model,
         window_positions=term.positions,
         window_precision=term.precision / ratio,
-        window_rival=state.positions if others else term.rival,
+        window_rival=state.positions if elsewhere else term.rival,
         window_ratio=ratio,
         tempering=claim.excess * ratio,
         # So far the long rows had too much weight. Delays that were found with this weight may be wrong and contradict

@@ -3,7 +3,7 @@
 viser does not authenticate its clients, and the page opens files. This module refuses all clients but the page itself:
 other sites, pages of other programs on this machine, and programs that send no Origin header. It disables the public
 share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops updates
-that are not values of their control. It changes private parts of viser, whose version is therefore pinned.
+that are not values of their control. It changes private parts of viser, whose version is therefore bounded.
 
 GuardedConnection   passes on only messages that `client_values` accepts, at a bounded rate, and disconnects a client
                     that does not read

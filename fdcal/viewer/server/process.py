@@ -110,7 +110,7 @@ def release_memory(server: viser.ViserServer) -> None:
     """Release the memory of a session that was replaced, in about 0.1 s.
 
     This memory is held by viser's messages about removed controls, the objects of the session, and pages of the heap.
-    viser's collector is private; therefore viser's version is pinned.
+    viser's collector is private; therefore viser's version is bounded.
     """
     server._run_garbage_collector()
     gc.collect()

@@ -129,7 +129,7 @@ class Kind:
 
 
 KINDS = {
-    PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 3 s.", _picture, slow=True),
+    PICTURE: Kind(".png", "What is shown, rendered in 3 s, in the camera view set in Expert.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
         "Cost maps of the selected microphone: up to eight single frequencies, and the sum of all.",
