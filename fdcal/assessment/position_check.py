@@ -266,7 +266,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
         return free
     fixed = _checked(found, given, _kept_order(found, given))
     if (fixed.fits and free.scale == 1) or not free.fits:
-        return replace(fixed, scale=free.scale)
+        return fixed if fixed.fits else replace(fixed, scale=free.scale)
     return replace(free, moved=True)
 
 
@@ -289,7 +289,7 @@ def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     scaled = _best(found, given / scale)
     if not scaled.fits:
         near = 1 / MAX_SCALE < scale < MAX_SCALE  # if the list does not fit, a ratio near 1 is a coincidence
-        return check if near else replace(check, scale=scale)
+        return check if near or check.fits else replace(check, scale=scale)  # wrong rows can distort the ratio
     close = scaled.distances <= 2 * np.median(scaled.distances)
     radii = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
     scale *= float(radii[0]) / float(radii[1])
@@ -462,10 +462,10 @@ def fit_list(
     """
     rules, found, listed = LIST_RULES, np.asarray(found, float), np.asarray(given, float)[check.order] / check.scale
     alive = ~np.isin(np.arange(len(found)), dead)
-    errors, kept = np.zeros(len(found)), alive
-    for _ in range(3):  # each time without the outliers found before
-        errors = np.linalg.norm(align(found, listed, kept) - listed, axis=1)
+    errors, kept = check.distances, alive
+    for _ in range(4):  # each time without the outliers found before
         kept = alive & (errors <= max(3 * float(np.median(errors[alive])), 1e-3))
+        errors = np.linalg.norm(align(found, listed, kept) - listed, axis=1)
     radii = [np.linalg.norm(x[kept] - x[kept].mean(axis=0)) for x in (listed, found)]
     ratio = float(radii[0] / radii[1])
     errors = np.linalg.norm(align(found * ratio, listed, kept) - listed, axis=1)

@@ -186,8 +186,7 @@ def test_a_list_that_is_wrong_everywhere_neither_fits_nor_is_explained_by_a_temp
     places, error = ball(seed, 16, 3), (0.015, 0.025)[seed % 2]
     listed = places + error * np.random.default_rng(seed).normal(size=places.shape)
     (words,) = faults_of(listed, moved(places, seed, error=1e-3), (1.0, 1.03)[seed % 2])
-    assert words.endswith("mm off (RMS)")
-    assert float(words.split()[4]) == pytest.approx(1e3 * error * 3**0.5, rel=0.4)
+    assert words.endswith("mm off (RMS)") and float(words.split()[4]) == pytest.approx(1e3 * error * 3**0.5, rel=0.4)
 
 
 def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_confirm_the_array():
@@ -198,16 +197,17 @@ def test_a_row_that_is_wrong_is_named_whatever_the_verdict_if_the_other_rows_con
         check = compare_positions(found, listed)
         fit = fit_list(check, found, listed, np.full(16, 0.01), "ambiguous")
         assert check.fits and fit.misplaced == misplaced and fit.wrong == bool(misplaced)
-    fit = replace(fit, misplaced=(5,))
-    text = described(compare_positions(moved(places, 3), listed), range(16), "ambiguous", fit=fit)
+    found = moved(places, 3)
+    text = described(compare_positions(found, listed), range(16), "ambiguous", fit=replace(fit, misplaced=(5,)))
     assert "5 is " in text and "mm off (RMS)" not in text
+    listed = places * np.where(np.arange(16) < 6, 100.0, 1.0)[:, None]  # these rows are in centimetres
+    check = compare_positions(found, listed)
+    assert check.scale == 1 and fit_list(check, found, listed).misplaced == tuple(range(6))
 
 
 def test_a_position_that_the_list_has_twice_is_named_though_both_microphones_stand_near_it():
-    places = ball(3, 16, 3)
-    listed, found = places.copy(), moved(places, 3)
-    found[9] = found[4] + [0.004, 0.0, 0.0]
-    listed[9] = listed[4]
+    listed, found = ball(3, 16, 3), moved(ball(3, 16, 3), 3)
+    found[9], listed[9] = found[4] + [0.004, 0.0, 0.0], listed[4]
     check = compare_positions(found, listed)
     fit = fit_list(check, found, listed, np.full(16, 0.005))
     assert fit.repeated == (4, 9) and fit.wrong and not fit.misplaced
