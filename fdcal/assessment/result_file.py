@@ -358,7 +358,7 @@ def data_frame(self: Calibration) -> Any:
         positions = {one.name: one.given for one in self.channels.given}
         given = np.array([positions.get(name, (np.nan,) * len(axes)) for name in self.names])
         columns |= {f"given_{axis}": column for axis, column in zip(axes, given.T, strict=True)}
-        columns["given_difference"] = np.linalg.norm(self.positions - given, axis=1)
+        columns["given_difference"] = pandas.Series({one.name: one.difference for one in self.channels.given})
     return pandas.DataFrame(columns, index=pandas.Index(self.names, name="microphone"))
 
 

@@ -280,13 +280,13 @@ def test_the_table_of_pandas_has_positions_channels_and_given_positions():
     assert table.index.tolist() == list(NAMES) and table["known"].tolist() == [True, False, False, False]
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), FOUR_POSITIONS)
     numbers, place = np.arange(20.0).reshape(5, -1), tuple((FOUR_POSITIONS[1] + [0.0, 0.03, 0.04]).tolist())
-    given = (GivenPosition(NAMES[1], place, tuple(FOUR_POSITIONS[1].tolist()), 0.002, True),)
+    given = (GivenPosition(NAMES[1], place, tuple((FOUR_POSITIONS[1] - [0.0, 0.03, 0.04]).tolist()), 0.002, True),)
     table = result(channels=Channels(*numbers, (ChannelFault(NAMES[2], "dead"),), given)).to_dataframe()
     columns = ["gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db"]
     np.testing.assert_array_equal(table[columns].to_numpy().T, numbers)
     assert table["fault"].tolist() == ["", "", "dead", ""]
     assert table.loc[NAMES[1], ["given_x", "given_y", "given_z"]].tolist() == list(place)
-    assert table.loc[NAMES[1], "given_difference"] == pytest.approx(0.05)
+    assert table.loc[NAMES[1], "given_difference"] == pytest.approx(0.1)
     assert table["given_difference"].isna().tolist() == [True, False, True, True]
 
 
