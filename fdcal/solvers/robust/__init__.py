@@ -95,7 +95,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     Raises InputError if these modes were not measured, or are too few for the unknown coordinates.
     """
     require_range(problem, first, last)
-    require_modes(problem, last)
+    require_modes(problem, last - first + 1)
     problem = objectives.in_unit_power(problem)
     progress = replace(state.progress, stage=FREE, rounds=0)
     changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
@@ -107,7 +107,8 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
     The cost is the negative log-likelihood, (modes, ny, nx) float64, dimensionless. In space the lattice is the
     horizontal layer at the height of the microphone. If short windows are used, the map of each mode contains an equal
-    part of their term, so that the sum of the maps of the modes in use is what the last stage minimises.
+    part of their term, so that the sum of the maps of the modes in use is what the last stage minimises, apart from
+    priors and arrivals.
     """
     from ...cost.maps import likelihood_maps  # imported here, because only maps need it
 
