@@ -117,7 +117,7 @@ class ChannelFault:
     unit : str
         Unit of `value`: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
     partner : str or None
-        Name of the other microphone of a swap.
+        Name of the other microphone of a swap or a copy.
     """
 
     name: str
@@ -362,7 +362,7 @@ class Calibration(FrozenArrays):
         Raises
         ------
         InputError
-            Result and measurement have different numbers of microphones.
+            Result and measurement have different numbers of microphones or coordinates.
         """
         shape = (measurement.count, measurement.array_dimension)
         if self.positions.shape != shape:

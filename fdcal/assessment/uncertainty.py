@@ -235,7 +235,7 @@ def root_mean_square(values: np.ndarray) -> float:
 
 
 def one_sigma(blocks: np.ndarray) -> np.ndarray:
-    """Return the root of the trace of each covariance (N, D, D), metres^2 : (N,) metres, 0 for a known microphone."""
+    """Return the root of the trace of each covariance (N, D, D), metres^2 : (N,) float64, metres."""
     return np.sqrt(np.maximum(np.trace(blocks, axis1=1, axis2=2), 0.0))
 
 

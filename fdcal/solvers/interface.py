@@ -126,7 +126,7 @@ class TriedOptimum:
     """An optimum that the search has found."""
 
     positions: Reals  # (N, D) float64, metres
-    score: float  # negative log evidence, up to a constant
+    score: float  # negative log evidence, up to a constant; 0 if short windows determine the array
     same_frame: bool  # whether the same given positions fix its frame and that of the estimate
 
 
@@ -193,7 +193,7 @@ class RunState:
 
     @property
     def restart(self) -> int:
-        """Number of the present restart, from 0."""
+        """Number of the present restart, from 0; -1 in the search for starts."""
         return 0
 
     @property

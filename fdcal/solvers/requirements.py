@@ -90,8 +90,8 @@ def require_modes(problem: Problem, count: int) -> None:
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     """Raise InputError for a problem that no solver can work on with its lowest `modes` modes.
 
-    The reasons are two known microphones at the same position, too few microphones, takes or modes, and microphones on
-    one line (in space, on one plane).
+    The reasons are two known microphones at the same position, too few microphones, takes or modes, microphones on one
+    line (in space, on one plane), and pressures of a single wave.
     """
     for (a, place), (b, other) in combinations(zip(problem.known, problem.known_positions, strict=True), 2):
         if np.array_equal(place, other):

@@ -231,7 +231,7 @@ def best_subset(x: Reals, places: Reals) -> np.ndarray:
 
 
 def aligned(problem: Problem, x: Reals) -> np.ndarray:
-    """Return positions x (N, D), metres, in any frame, aligned with the `best_subset` of the given positions."""
+    """Return an array `x` (N, D), metres, aligned with the `best_subset` of the given positions."""
     chosen = best_subset(x[problem.known], problem.known_positions)
     return onto(x, problem.known[chosen], problem.known_positions[chosen])
 

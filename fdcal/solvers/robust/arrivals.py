@@ -121,9 +121,9 @@ class Arrivals:
         flat = slopes.reshape(T * N, -1)
         return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, count, source)
 
-    def scatter(self, positions: np.ndarray, log_speed: float = 0.0) -> np.ndarray:
-        """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
-        paths, missing = self.paths * np.exp(log_speed), self.dimension - positions.shape[1]
+    def scatter(self, positions: np.ndarray) -> np.ndarray:
+        """Return a robust standard deviation (T,), metres, of the residuals at positions (N, D), metres."""
+        paths, missing = self.paths, self.dimension - positions.shape[1]
         z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, missing)))
         u, b = self._plane_waves(paths, z)
         wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self.median(paths + u @ z.T - b[:, None])))
@@ -286,7 +286,7 @@ def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
 def arrival_misfits(problem: Problem, positions: np.ndarray) -> np.ndarray | None:
     """Return the absolute residuals (T, N) float64, metres, of the arrivals at some positions; NaN without an arrival.
 
-    The result is None for a problem without arrivals.
+    The result has a row for each take that has enough arrivals (`counted`), and is None if there is no such take.
     """
     arrivals = arrivals_of(problem, None)
     if arrivals is None:

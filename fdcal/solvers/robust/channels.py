@@ -3,7 +3,7 @@
 Channel n is left out. The other channels predict its pressure at a position x as e_m(x), with the variance V_m(x). With
 a complex gain g, found by weighted least squares, the cost of the channel is
 
-    cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g)
+    cost(x) = sum_m [log(|g|^2 V_m) + |q_mn / g - e_m|^2 / V_m] + prior(g)
 
 Delays of the channel from a grid of values are also tried, and kept if they lower the cost clearly. Delays smaller than
 the spacing of this grid, and high-pass filters, are left to the steps of the solver (`noise.with_filters`).

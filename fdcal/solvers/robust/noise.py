@@ -182,7 +182,7 @@ def with_arrivals(problem: Problem, state: State) -> State:
 def with_arrival_sigma(problem: Problem, state: State, trial: objectives.ChannelStep) -> State:
     """Return `state` with the sigma of the arrivals of each take after a step, by empirical Bayes."""
     arrivals = direct_sound.arrivals_of(problem, state.model.arrival_sigma)
-    if arrivals is None or trial.matrix is None or trial.free.ndim != 1:
+    if arrivals is None or trial.matrix is None:
         return state
     H, index = trial.matrix, objectives.arrival_index(trial.unknowns)
     covariance = np.zeros((trial.unknowns.vector.size,) * 2)
@@ -203,7 +203,7 @@ def _with_sigma_of(problem: Problem, state: State, sigma: Reals) -> State:
 def _updated_sigma(
     sigma: float, deviation: Reals, variance: Reals, components: int, floor: float, maximum: float = np.inf
 ) -> float:
-    """Return the updated sigma of a prior, limited to the range from `floor` to `maximum`.
+    """Return the updated sigma of a prior: at most 4 times larger or smaller, and from `floor` to `maximum`.
 
     Its square is the weighted sum of the squared deviations, divided by the number of components that the data
     determine. deviation : (K,), norm of the components of each deviation; variance : (K,), posterior variance of one

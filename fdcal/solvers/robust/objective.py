@@ -134,7 +134,8 @@ class Evaluation:
     """The objective at some unknowns."""
 
     cost: float  # nats, priors included
-    # gradient, matrix: (F,) and (F, F) float64, gradient and Gauss-Newton matrix; empty if only the cost is needed
+    # gradient, matrix: (U,) and (U, U) float64, gradient and Gauss-Newton matrix with respect to all U = N P + 1
+    # unknowns; empty if only the cost is needed
     gradient: np.ndarray
     matrix: np.ndarray
     terms: Terms  # terms of the likelihood alone
@@ -188,9 +189,8 @@ class Objective:
         return Evaluation(cost, gradient, matrix, terms, source)
 
     def likelihood(self, unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-        """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood alone with respect to all unknowns."""
-        free = replace(self, arrivals=None, windows=None, priors=self.priors.without_given())
-        gradient, matrix = _with_speed(unknowns, free.evaluate(unknowns).terms)
+        """Return gradient (U,) and Gauss-Newton matrix (U, U) of the likelihood alone with respect to all unknowns."""
+        gradient, matrix = _with_speed(unknowns, self.evaluate(unknowns).terms)
         return gradient / self.tempering, matrix / self.tempering
 
     def weakened(self) -> Objective:
@@ -232,7 +232,7 @@ class Objective:
 
 
 def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarray]:
-    """Return gradient (F,) and Gauss-Newton matrix (F, F) of the likelihood with respect to all unknowns."""
+    """Return gradient (U,) and Gauss-Newton matrix (U, U) of the likelihood with respect to all unknowns."""
     gradient, curvature = terms.newton()
     x, (N, D) = unknowns.positions, unknowns.positions.shape
     moves = np.zeros((N, D + unknowns.gains * unknowns.channels.shape[1]))  # equivalent to a rise of log c
@@ -556,7 +556,7 @@ def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unkno
 
 def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
     """Return the RMS move of the `healthy` (N,) bool microphones in a step, in sigmas of their coordinates."""
-    if trial.matrix is None or trial.free.ndim != 1:
+    if trial.matrix is None:
         return np.inf
     variance = np.full(before.vector.size, np.inf)
     variance[trial.free] = np.diag(scaled_inverse(trial.matrix))

@@ -35,7 +35,7 @@ def begin(
         positions=here,
         settings=settings,
         seed=seed,
-        stage=-1,  # `begin_stage` adds 1
+        stage=-1,  # `begin_stage` and `search.begin` add 1
         last=settings.modes,
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
@@ -74,11 +74,11 @@ def likeliest(state: State) -> LocalOptimum:
 
 
 def refined(problem: Problem, state: State) -> State:
-    """Return the beginning of a round of the last stage, with noise, directions and filters estimated again."""
+    """Return the beginning of a round of the last stage: with new noise, first directions, and filters if evident."""
     here = replace(state, stage_start=state.positions)
     begun = begin_stage(problem, noise.with_noise(problem, here, rough=False), FINAL)
-    updates = DIRECTION_UPDATES if begun.model.directions is None else 0
-    begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), updates)
+    if begun.model.directions is None:
+        begun = noise.with_directions(problem, begun, objectives.used_modes(problem, begun), DIRECTION_UPDATES)
     return noise.with_filters(problem, begun)
 
 

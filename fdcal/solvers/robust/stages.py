@@ -50,7 +50,7 @@ def in_frame(problem: Problem, settings: SolverSettings, positions: np.ndarray, 
     return frozen_array(x, float)
 
 
-# longest move of a microphone in one step, in shortest wavelengths; without this limit the error of a linear array in
+# largest change of a coordinate in one step, in shortest wavelengths; without this limit the error of a linear array in
 # space grows from 1.3 to 2.1 mm
 MAX_STEP = 0.125
 

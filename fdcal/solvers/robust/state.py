@@ -88,8 +88,8 @@ class Model:
     # prior sigma of the delays, metres, and of the corners, rad/m, of all channels; 0 if only faulty channels have them
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
-    # result of the fit to the short windows: positions (N, D), metres, precision (N D, N D), 1/m^2, and another array
-    # (N, D) that explains the windows as well, if there is one
+    # result of the fit to the short windows: positions (N, D), metres, precision (N D, N D), 1/m^2, divided by
+    # `window_ratio`, and another array (N, D) that explains the windows as well, if there is one
     window_positions: np.ndarray | None = None
     window_precision: np.ndarray | None = None
     window_rival: np.ndarray | None = None
@@ -124,7 +124,7 @@ class LocalOptimum:
 class StageProgress:
     """Position of the solver in its schedule."""
 
-    restart: int  # number of restarts before this one
+    restart: int  # number of restarts before this one; -1 in the search
     stage: int  # index into STAGES
     rounds: int  # number of completed rounds of this stage
     steps: int  # number of steps taken in this round or, in the search, of starts tried
@@ -155,7 +155,7 @@ class State(RunState):
 
     @property
     def restart(self) -> int:
-        """Number of the present restart."""
+        """Number of the present restart, from 0; -1 in the search."""
         return self.progress.restart
 
     @property

@@ -50,7 +50,7 @@ COVARIANCE_INFLATION = 4.0
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
 START_BAND = 36.7  # rad/m, largest wavenumber of the start by coherence: 2 kHz in air
-MAX_STEP = 0.25  # longest move of a microphone in a step, in shortest wavelengths
+MAX_STEP = 0.25  # largest change of a coordinate in a step, in shortest wavelengths
 STEPS, WAVE_STEPS, LAST_STEPS = 25, 6, 40  # largest number of steps: usual, after one more wave, in the last stages
 # nats; a stage ends when a step lowers the cost by less than DECREASE, or by less than ENOUGH times the dispersion once
 # this is known, and the last one when a step lowers it by less than LAST_DECREASE. With 0.2 instead of 0.05 one
@@ -358,20 +358,14 @@ def _minimised(
 
 
 LOWEST_GROUPS = 5  # number of frequencies at which the coherence is examined
-MIN_COHERENCE = 0.2  # least squared coherence with some other microphone; a dead channel has 1 / windows
+MIN_COHERENCE = 0.2  # smallest squared coherence with some other microphone; a dead channel has about 1 / windows
 FLAT_NATS = 3.0  # evidence, nats, above which an array counts as flat
 FLAT_SIGMA = 2e-3  # metres, standard deviation of the heights of a flat array as it is built
 HEIGHT = 0.5  # prior sigma of the heights of an array that is not flat, divided by its RMS radius
 
 
 def is_flat(windows: ShortWindows, sound_speed: float) -> bool:
-    """Return whether the windows show an array that is flat within their accuracy.
-
-    h are the heights above the plane of least squares and C is their covariance, both without motions of the plane. The
-    log evidence for a flat array, relative to one whose heights have the sigma s, is
-
-        [log det(I + s^2 C^-1) - h^T (C^-1 - (C + s^2 I)^-1) h] / 2
-    """
+    """Return whether the windows show an array that is flat within their accuracy (`flat_evidence`)."""
     correlated = _correlated(windows)
     if np.sum(correlated) < MIN_MICROPHONES:
         return False
