@@ -1,7 +1,8 @@
 """A calibration as text (JSON of a result file, CSV of positions and of gains), and as a table of pandas.
 
 `ResultTable` declares every key with its type and its shape. A file has no key for a quantity that the solver does not
-find. Keys that are not declared are ignored, and files of another version are refused.
+find. Keys that are not declared are ignored, except in the rows of given positions, where they are refused. Files of
+another version are refused.
 """
 
 import csv
@@ -33,7 +34,7 @@ Vector = Annotated[list[Number], msgspec.Meta(min_length=1)]
 Matrix = Annotated[list[Vector], msgspec.Meta(min_length=1)]
 Place = Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=3)]
 Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
-# Shapes stand last in an annotation: N microphones, D coordinates.
+# Shapes stand last in an annotation: N microphones, D coordinates, M frequencies.
 OfEachMicrophone = Annotated[Vector, "N"]
 ABSENT: Any = None  # the default of a key that a file need not have; null in a file is refused
 VERSION = 1  # version of a result file
@@ -97,7 +98,7 @@ class ResultTable(msgspec.Struct, rename=RENAMED):
     residual_to_noise: Number = ABSENT
     leave_one_out_db: Number = ABSENT
     microphones_db: OfEachMicrophone = ABSENT
-    frequencies_db: Vector = ABSENT
+    frequencies_db: Annotated[Vector, "M"] = ABSENT
     noise_to_given: Number = ABSENT
     gain_db: OfEachMicrophone = ABSENT
     gain_sigma_db: OfEachMicrophone = ABSENT
@@ -273,11 +274,12 @@ def _checked(content: dict, where: str) -> ResultTable:
         require(False, key, f"is malformed: {reason[0].lower()}{reason[1:]}{inside}")
         raise
 
-    sizes = {"N": len(table.positions), "D": len(table.positions[0])}
+    sizes = {"N": len(table.positions), "D": len(table.positions[0]), "M": len(table.frequencies)}
     shapes = {key: tuple(sizes[axis] for axis in axes) for key, axes in SHAPES.items()}
+    whole = f"{sizes['N']} microphones in {sizes['D']} dimensions at {sizes['M']} frequencies"
     for key, shape in shapes.items():
         right = content.get(key) is None or np.array(content[key], object).shape == shape
-        require(right, key, f"must be of shape {shape}, of {sizes['N']} microphones in {sizes['D']} dimensions")
+        require(right, key, f"must be of shape {shape}, of {whole}")
     absent = [RENAMED[name] for name in CHANNEL_NUMBERS if getattr(table, name) is None]
     if 0 < len(absent) < len(CHANNEL_NUMBERS):
         require(False, absent[0], *missing)

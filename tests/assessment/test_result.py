@@ -114,7 +114,7 @@ MALFORMED = {  # refused values of a key, in a file with the required keys only,
             [GIVEN | {"more": 1}], [GIVEN | {"given_m": [0.1, 10**400]}],
         ],
         "channel_gain_db": [[0.0]], "channel_noise_db": [[0.0, math.inf]], "channel_phase_sigma_deg": [None],
-        "odd_channels": [[3]],
+        "odd_channels": [[3]], "leave_one_out_frequencies_db": [[0.0] * 99],
         "faulty_channel_details": [
             "b", [{"name": "b"}], [DETAIL | {"name": "z"}], [DETAIL | {"value": "2"}], [DETAIL | {"unit": ["dB"]}],
         ],
