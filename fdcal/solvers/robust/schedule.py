@@ -74,7 +74,10 @@ def likeliest(state: State) -> LocalOptimum:
 
 
 def refined(problem: Problem, state: State) -> State:
-    """Return the beginning of a round of the last stage: with new noise, first directions, and filters if evident."""
+    """Return the beginning of a round of the last stage, with a new estimate of the noise.
+
+    Directions and filters are estimated as well if the state has none.
+    """
     here = replace(state, stage_start=state.positions)
     begun = begin_stage(problem, noise.with_noise(problem, here, rough=False), FINAL)
     if begun.model.directions is None:
