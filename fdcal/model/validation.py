@@ -406,18 +406,18 @@ def mm_text(length: float, digits: int = 3) -> str:
     return f"{1e3 * length:.{digits}g}" if length < 0.0995 else f"{1e3 * length:.0f}"
 
 
-LONGEST = 200  # number of characters of a text that `parse_modes` reads
+MAX_RANGES = 1000  # largest number of modes and ranges in a text that `parse_modes` reads
 
 
 def parse_modes(text: str, count: int) -> tuple[int, ...]:
     """Return the modes in a text such as "1-3, 5", ascending; raise InputError unless they are from 1 to `count`."""
     remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
     found: set[int] = set()
-    for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
+    for part in filter(None, (part.strip() for part in str(text).split(",", MAX_RANGES))):
         match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= low <= high <= count:
-            raise InputError(f'"{part}" is not a number or range of frequencies', remedy, key="modes")
+            raise InputError(f'"{shown(part)}" is not a number or range of frequencies', remedy, key="modes")
         found |= set(range(low, high + 1))
     if not found:
         raise InputError("no frequency is given", remedy, key="modes")
