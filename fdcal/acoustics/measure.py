@@ -156,7 +156,7 @@ def draw_measurement(
     gains : (N,) complex128 or float, optional
         Factor of each channel, dimensionless.
     dead : sequence of int, optional
-        Channels that record independent noise instead of the field, with DEAD_FRACTION of the power of the field.
+        Channels that record noise with DEAD_FRACTION of the power of the field instead of the field itself.
     dead_rng : Generator, optional
         Source of the noise in dead channels; `rng` unless given.
     sound_speed : float

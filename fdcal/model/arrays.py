@@ -90,7 +90,7 @@ def _require_apart(positions: np.ndarray, remedy: str) -> None:
 
 
 def _require_clear(positions: np.ndarray, scene: Scene, inside: Callable[[np.ndarray], np.ndarray], key: str) -> None:
-    """Raise InputError for a microphone outside the room, or a source outside or inside the array.
+    """Raise InputError for a microphone outside the room, or a source outside the room or inside the array.
 
     `inside` returns which points are in the room; `key` is the key to change if a microphone is outside.
     """

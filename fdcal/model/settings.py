@@ -53,7 +53,7 @@ class Faults:
     """Faulty channels, and the scatter of gain and phase of all channels."""
 
     inverted: tuple[int, ...] = ()  # microphones of inverted polarity
-    dead: tuple[int, ...] = ()  # microphones without signal: independent noise, 60 dB below the others
+    dead: tuple[int, ...] = ()  # microphones without signal: noise 60 dB below the others, besides that of `snr_db`
     # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels. The seed
     # of the scene determines the values that are drawn
     gain_db: Annotated[float, within(0, 40, "dB")] = 0.0
