@@ -169,8 +169,8 @@ def errors(row: Row, seed: int) -> tuple[list[float], list[float], str]:
         return found
 
     def coherent() -> np.ndarray:
-        kind = "impulse" if row.sound == "impulse" else row.sound
-        found = by_coherence(recordings, RATE, kind=kind, speed=SPEED, sources=None, dimension=2 if row.flat else 3)[0]
+        D = 2 if row.flat else 3
+        found = by_coherence(recordings, RATE, kind=row.sound, speed=SPEED, sources=None, dimension=D)[0]
         return np.pad(found, ((0, 0), (0, 3 - found.shape[1])))
 
     found, seconds = [], []

@@ -15,7 +15,7 @@ from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps
 from fdcal.model.problem import mode_power
 from fdcal.model.scene import load_scene
-from fdcal.solvers import descent as descent
+from fdcal.solvers import descent
 
 MICROPHONE = 7
 SAMPLES = 60  # points of a lattice at which the likelihood is computed directly

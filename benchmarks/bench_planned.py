@@ -57,7 +57,7 @@ def reached(family: Family) -> list[float]:
 
 
 def table() -> Iterator[str]:
-    """Yield a table in Markdown: a line for each case, and one each for all with noise and for all with impulses."""
+    """Yield a table in Markdown: a line for each case, then those of all draws and of all further draws."""
     yield "| case | draws | planned (mm), 8 of 10 | reached (mm), RMS | over planned | in the range |"
     yield "|---|---|---|---|---|---|"
     totals: dict[str, list[np.ndarray]] = {}

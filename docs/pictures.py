@@ -1,8 +1,8 @@
 """Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`.
 
 Without names it makes all except those of studies. Commands of fdcal draw them; those of the page are taken in a real
-browser (playwright and Chromium, as for the tests). Pictures are committed, because the scenes of the paper take a
-minute to simulate. Look at the pictures before you commit them.
+browser (playwright and Chromium, as for the tests). Pictures are committed, because making them takes
+minutes. Look at the pictures before you commit them.
 """
 
 from __future__ import annotations

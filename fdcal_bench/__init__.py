@@ -14,6 +14,8 @@ positions   (N, 3) float64, metres, in any axes
 sigma       (N,) float64, metres, the method's own one sigma of each position, root of the sum over the coordinates;
             or None
 
+A method that does not handle a case returns None, or None for both.
+
 `fdcal-bench run module:method` prints a table of its errors beside the reference results. `fdcal study` runs many
 simulated calibrations (`study`, `draw`, `tasks`, `run`) and draws what they found (`statistics`, `report`).
 """

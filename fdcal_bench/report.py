@@ -36,7 +36,7 @@ FRAME = 0.8  # inches, for the legend and the name of the x axis
 NOISE_AXIS = "snr_db"  # along x unless another is chosen
 LABELS = {
     "snr_db": "signal-to-noise ratio (dB)",
-    "solver.modes": "modes",
+    "solver.modes": "frequencies",
     "solver.name": "solver",
     "faults.gain_db": "channel gains, standard deviation (dB)",
     "radius": "radius of the array (m)",
@@ -210,7 +210,8 @@ CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
     "error": "Median error of the microphones that are sought, 10 to 90 % shaded; dashed the bound in a diffuse field.",
     "error-bars": "Error against the one sigma that each calibration claims.",
-    "verdicts": "Right and wrong verdicts; good and wrong: an error above 5 mm and above three claimed sigmas.",
+    "verdicts": "Right and wrong verdicts; good and wrong: an error above 5 mm and three claimed sigmas, or that"
+    " of one microphone above 10 mm and five.",
 }
 
 

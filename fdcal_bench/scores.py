@@ -43,7 +43,7 @@ def score(case: Case, method: Method, name: str) -> Score:
         [np.array(one) for one in case.recordings], case.rate, kind=case.kind, speed=case.speed, sources=case.sources
     )
     seconds = time.process_time() - start
-    if found is None:
+    if found is None or found[0] is None:
         return scored(case, name, np.nan, seconds=seconds)
     x, sigma = np.asarray(found[0], float), found[1]
     if x.shape != case.truth.shape:
@@ -73,7 +73,7 @@ def method_of(text: str) -> Method:
     sys.path.insert(0, "")
     try:
         return getattr(importlib.import_module(module), function)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, TypeError, ValueError) as error:  # the last two: of a malformed name
         raise SystemExit(f"{text} names no function: {error}; write module:function") from None
 
 

@@ -14,7 +14,7 @@ import fdcal
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 NOTEBOOK = EXAMPLES / "first_calibration.ipynb"
-SLOW = ("01", "04")  # these take another scene than the paper's, which take a minute to simulate
+SLOW = ("01", "04")  # these take another scene than the paper's, which take ten seconds to simulate
 
 
 def printed(script: Path, tmp_path, monkeypatch, capsys) -> str:

@@ -1,4 +1,5 @@
-"""A generator of calibration cases, and their score. `fdcal` draws the noise only; the fields use none of its code.
+"""A generator of calibration cases, and their score. `fdcal` draws the noise only; the fields use none of its code,
+except in the families of a study, which are draws of `fdcal_bench.draw`.
 
 families    lists of case descriptions, each fixed by its seed
 cases       from a case description to the content of a measurement file and the truth

@@ -86,7 +86,7 @@ def test_the_command_prints_a_users_method_beside_the_reference_on_the_same_draw
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     (tmp_path / "mine.py").write_text(
-        "def lost(recordings, rate, **known):\n    return None\n"
+        "def lost(recordings, rate, **known):\n    return None, None\n"
         "def point(recordings, rate, **known):\n    return [[0.0] * 3] * len(recordings[0]), None\n"
     )
     main(["mine:lost", "--only", "laboratory"])
@@ -101,8 +101,9 @@ def test_the_command_prints_a_users_method_beside_the_reference_on_the_same_draw
     assert f"| {np.median(fdcal[:2]):.1f} (claims" in row and f"| {np.median(fdcal):.1f} (claims" not in row
     main(["--only", name])
     assert f"| {name} | {DRAWS} | " in (shown := capsys.readouterr().out) and f"| {np.median(fdcal):.1f} (cl" in shown
-    with pytest.raises(SystemExit, match="no function"):
-        main(["mine:other"])
+    for wrong in ("mine:other", ":other", "./mine:lost"):
+        with pytest.raises(SystemExit, match="no function"):
+            main([wrong])
     for wrong in (["--draws", str(DRAWS + 1)], ["--only", "nowhere"]):
         with pytest.raises(click.BadParameter):
             main(["mine:lost", *wrong])
