@@ -16,7 +16,7 @@ ALONE = True  # only when named
 SCENES = ("array1_circle", "tiny", "lshape")
 RUN_EVERY, RUN_TIME = 3, 0.5  # the solver runs in every third scene, for RUN_TIME seconds
 SETTLE_TIME = 8.0  # s, longest time until the maps of a scene are drawn and threads have ended
-STILL_TIME = 2.0  # s without a change, longer than the page waits with the release of memory
+STILL_TIME = 2.0  # s without a change, longer than the page waits before it releases memory
 MAX_GROWTH = 50e6  # bytes
 
 
