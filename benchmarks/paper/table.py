@@ -12,7 +12,7 @@ WHY = """\
 - descent is the paper's method with two changes: a weight on the known microphones, and an order that grows. It ends
   near the true positions but not on them. The remaining error is a smooth deformation of the whole array, which would
   need steps smaller than a cell from each single microphone; more modes do not help, since the lattice is the limit.
-- joint starts from a closed-form solution, not at random: its seeds agree.
+- joint has its own starts, which do not depend on the seed unless random arrays follow: its seeds agree.
 - Error, sweeps and processor time are medians over the seeds.
 """
 
