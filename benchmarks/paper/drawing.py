@@ -74,7 +74,7 @@ def reference_of(array: Array) -> int:
 
 
 def draw_distances(array: Array, run: Trail):
-    """Return Fig. 5: mean error of each microphone before the last sweep ends, against its distance to the reference."""
+    """Return Fig. 5: mean error of each microphone before the last sweep ends, over its distance to the reference."""
     figure, (panel,) = _panels(1)
     truth, reference = array.truth, reference_of(array)
     free, distance = array.problem.free, np.linalg.norm(truth - truth[reference], axis=1)
