@@ -7,7 +7,7 @@ message comes in, before any callback; "shown" when the main loop has published 
 main loop while the solver runs; "map" a new map, with its number of modes and points; "moved" a message of a mouse that
 drags a microphone.
 
-On SIGUSR1 a microphone is dragged for DRAG seconds, with MOVES_PER_SECOND moves per second.
+On SIGUSR1 a microphone is dragged for DRAG seconds, from "drag" to "dropped", with MOVES_PER_SECOND moves per second.
 """
 
 import json

@@ -47,7 +47,7 @@ class Reader:
 
 
 def measurement(count: int = 8, modes: int = 6) -> Measurement:
-    """Return a small measurement with all optional keys."""
+    """Return a small measurement with noise, positions, a search domain and a spectrum."""
     rng = np.random.default_rng(0)
     pressures = rng.normal(size=(modes, count)) + 1j * rng.normal(size=(modes, count))
     return Measurement(
