@@ -149,7 +149,7 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
     """
     from matplotlib.figure import Figure
 
-    D = self.positions.shape[1]
+    D, extent = self.positions.shape[1], float(np.ptp(self.positions, axis=0).max())
     true = None if truth is None else np.asarray(truth, float)
     if true is not None and true.shape != self.positions.shape:
         problem = f"truth has shape {true.shape}, but the positions have shape {self.positions.shape}"
@@ -162,7 +162,8 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
         axes, shown = list(view), self.positions[:, view]
         if self.covariance is not None:
-            enlarged_ellipses(panel, shown, self.covariance[:, axes][:, :, axes], self.positions)
+            factor = ellipse_scale(ellipse_axes(self.covariance, confidence_factor(0.95, 2)), extent)
+            enlarged_ellipses(panel, shown, self.covariance[:, axes][:, :, axes], factor)
         if true is not None:
             plot_marks(panel, "microphones/true", true[:, axes], MARK_SCALE, label)
         plot_marks(panel, "microphones/estimate", shown[~known], scale=MARK_SCALE)
@@ -176,11 +177,10 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
     return figure
 
 
-def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
-    """Draw 95 % ellipses at (N, 2), metres, enlarged by a round factor if they are small beside the array (N, D)."""
+def enlarged_ellipses(panel, places: np.ndarray, covariance: np.ndarray, factor: float) -> None:
+    """Draw 95 % ellipses of covariances (N, 2, 2), square metres, at (N, 2), metres, enlarged by `factor`."""
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     shown = np.linalg.norm(axes[:, -1], axis=1) > NO_ELLIPSE
-    factor = ellipse_scale(axes, float(np.ptp(positions, axis=0).max()))
     angles = np.linspace(0, 2 * np.pi, SIDES + 1)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     label = "95 % ellipse" + (f", enlarged {factor:g} times" if factor > 1 else "")

@@ -59,7 +59,7 @@ def _copies(faces: np.ndarray, corners: int, count: int) -> np.ndarray:
 
 
 def loop(vertices, z: float) -> np.ndarray:
-    """Return the closed line (V, 2, 3) through (V, 2) `vertices` at height `z`, metres."""
+    """Return the closed line (V, 2, 3) through `vertices` (V, 2) or (V, 3), raised by `z`, metres."""
     vertices = lift(vertices, z)
     return np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1)
 

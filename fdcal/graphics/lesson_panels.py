@@ -100,7 +100,7 @@ def chart(
 
 
 def channel_table(names: Sequence[str], channels: Channels, count: int) -> str:
-    """Return a table of the channels, the faulty ones first, `count` rows at most."""
+    """Return a table of the channels, the faulty ones first, `count` channels at most."""
     faults = {fault.name: fault_words(fault) for fault in channels.faults}
     rows = []
     for n in sorted(range(len(names)), key=lambda n: (names[n] not in faults, n))[:count]:

@@ -297,12 +297,12 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
 
 @pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
 def test_the_figure_shows_every_microphone_once(D, panels):
-    figure = result(D).plot(FOUR_POSITIONS[:, :D] + 0.01, "nominal")
-    assert len(figure.axes) == panels
-    marks = {line.get_label(): line for line in figure.axes[0].lines}
-    np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), FOUR_POSITIONS[:1, :2])
-    np.testing.assert_array_equal(np.column_stack(marks["estimate"].get_data()), FOUR_POSITIONS[1:, :2])
-    np.testing.assert_array_equal(np.column_stack(marks["nominal"].get_data()), FOUR_POSITIONS[:, :2] + 0.01)
+    blocks, nominal = np.array(4 * [np.diag([1e-8, 1e-8, 1e-4][:D])]), FOUR_POSITIONS[:, :D] + 0.01
+    figure = result(D, covariance=blocks).plot(nominal, "nominal")
+    ellipses = [line.get_label() for panel in figure.axes for line in panel.lines if "95 %" in line.get_label()]
+    assert len(ellipses) == panels and len(set(ellipses)) == 1, "all panels have the factor that the legend states"
+    shown = [line.get_data() for line in figure.axes[0].lines if line.get_label() in ("nominal", "estimate", "known")]
+    np.testing.assert_array_equal(np.hstack(shown).T, [*nominal[:, :2], *FOUR_POSITIONS[[1, 2, 3, 0], :2]])
     refuses("shape", lambda: result(D).plot(FOUR_POSITIONS[:, : 5 - D]))
 
 

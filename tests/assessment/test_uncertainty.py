@@ -265,7 +265,7 @@ def test_every_ellipse_holds_95_percent(dimension):
     if dimension == 2:
         outlines = []
         panel = SimpleNamespace(plot=lambda x, y, *_, **__: outlines.append(np.stack([x, y], axis=1)))
-        enlarged_ellipses(panel, np.zeros((1, 2)), blocks[:1], np.array([[0.0, 0.0], [0.01, 0.01]]))
+        enlarged_ellipses(panel, np.zeros((1, 2)), blocks[:1], 1.0)
         (outline,) = outlines
         # Two conjugate half axes are a quarter of the outline apart.
         assert_holds_95_percent(outline[[0, len(outline) // 4]], blocks[0])
