@@ -68,6 +68,18 @@ def sphere(rng: np.random.Generator) -> np.ndarray:
     )
 
 
+def spiral(rng: np.random.Generator) -> np.ndarray:
+    """Return 64 microphones on an upright spiral of 0.5 m that is turned (64, 3), metres."""
+    radius, angle, turn = 0.5 * np.sqrt((np.arange(64) + 0.5) / 64), 2.39996 * np.arange(64), rng.uniform(0, np.pi)
+    across, up = radius * np.cos(angle), radius * np.sin(angle)
+    return np.column_stack([across * np.cos(turn), across * np.sin(turn), up]) + rng.normal(0, 2e-3, (64, 3))
+
+
+def box(rng: np.random.Generator) -> np.ndarray:
+    """Return 32 microphones in a box of 2 x 2 x 1 m (32, 3), metres."""
+    return rng.uniform([-1, -1, -0.5], [1, 1, 0.5], (32, 3))
+
+
 def ball(count: int, radius: float) -> Callable[[np.random.Generator], np.ndarray]:
     """Return a function that draws microphones in a ball."""
     return lambda rng: draw_array(rng, count, radius)
@@ -106,6 +118,8 @@ ROWS = (
     Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 1),
     Row("32 in a ball of 0.4 m", ball(32, 0.4), HALL, 0.8, "noise", 8),
     Row("32 in a ball of 0.8 m", ball(32, 0.8), HALL, 0.4, "noise", 1),
+    Row("32 in a box of 2 x 2 x 1 m", box, OFFICE, 0.8, "impulse", 3),
+    Row("64 on a spiral of 0.5 m", spiral, OFFICE, 0.2, "noise", 1, True),
 )
 
 
