@@ -61,7 +61,8 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, c
             report = partial(lambda number, done: progress((number + done) / len(takes)), number)
         if cached:
             require_measurable(take)
-        own = cached_recordings(take, report) if cached and scene.room.dimension == 2 else recordings
+        simulated = cached and recordings is None and scene.room.dimension == 2
+        own = cached_recordings(take, report) if simulated else recordings
         fields.append(sound_field(take, own, report))
     return measured(scene, fields)
 

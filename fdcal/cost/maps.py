@@ -461,15 +461,15 @@ def mode_shape(
     The map is reconstructed from all microphones except `n`, counted from 0. It is the real part of W alpha (Eq. 6) at
     the phase with the most power, normalised to a peak of 1. If the positions are right, it agrees with the field in
     the room between the microphones. The second value has the same scale; it is NaN if `n` is None. `mode` counts from
-    1; `search` is the lattice, by default that of the problem. Raises InputError in three dimensions or without a
-    search domain.
+    1; `search` is the lattice, by default that of the problem. Raises InputError in three dimensions, without a search
+    domain, or with fewer than two microphones besides `n`.
     """
     search = problem.search if search is None else search
-    if problem.dimension != 2 or search is None:
-        fault = "the shape of a mode needs a two-dimensional field and a search domain"
-        raise InputError(fault, "give <search> and <radius>", key="search")
-    positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     others = np.flatnonzero(np.arange(len(positions)) != n)
+    if problem.dimension != 2 or search is None or len(others) < 2:
+        fault = "the shape of a mode needs a two-dimensional field, a search domain and two other microphones"
+        raise InputError(fault, "give <search> and <radius>, or more microphones", key="search")
+    positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
     # the number of functions, 2L + 1, must be below that of the microphones (Eq. 8)
     L = min(int(max_order(k, search.radius, order_offset)), (len(others) - 2) // 2)
     centre = positions[others].mean(axis=0)

@@ -47,8 +47,8 @@ class Measurement:
     pressures : (M, N) complex128
         In any unit common to all of them; recordings need not be calibrated.
     sound_speed : float
-        c, m/s. If `dataclasses.replace` changes it, wavenumbers that were not given are computed again; those that were
-        given must be given again, or None.
+        c, m/s. If `dataclasses.replace` changes it, wavenumbers that were not given, or that equal 2 pi f / c, are
+        computed again; others must be given again, or None.
     dimension : int
         Dimension of the sound field, 2 or 3.
     array_dimension : int, optional
@@ -83,7 +83,7 @@ class Measurement:
     nominal : bool, optional
         Whether `positions` are nominal, those of the plan of the array, rather than true.
     origin : (array, float, bool), optional
-        For `dataclasses.replace` only: the wavenumbers, their sound speed, and whether they were computed from it.
+        For `dataclasses.replace` only: the wavenumbers, their sound speed, and whether they follow from it.
 
     Raises
     ------
@@ -128,7 +128,8 @@ class Measurement:
         put("frequencies", require_array("frequencies", self.frequencies, "real", (None,), "Hz"))
         rows = len(self.frequencies)
         put("pressures", _checked_pressures(self.pressures, rows, self.names))
-        N, k, derived = self.count, self.wavenumbers, self.wavenumbers is None
+        N, k = self.count, self.wavenumbers
+        derived = k is None or np.array_equal(k, 2 * np.pi * self.frequencies / self.sound_speed)
         if self.origin is not None and k is self.origin[0]:  # this is a call of `dataclasses.replace`
             _, of_speed, derived = self.origin
             if not derived and of_speed != self.sound_speed:

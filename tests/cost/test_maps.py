@@ -72,6 +72,7 @@ def test_what_has_no_map_is_refused(waves):
     refuses("in a plane", lambda: cost.cost_volume(*case("plane3d"), 10, (1, 2), 2))
     refuses("two-dimensional field.*on the page", lambda: cost.landscape_panels(*case("plane3d"), 5, [1, 2], 2))
     refuses("two-dimensional", lambda: cost.mode_shape(replace(waves, search=None), np.zeros((24, 2)), 1, 2))
+    refuses("two other microphones", lambda: cost.mode_shape(waves, np.zeros((2, 2)), 1, 2, None, 0))
     displaced = np.where(np.arange(24)[:, None] == 3, np.nan, ROUGH)
     with pytest.raises(np.linalg.LinAlgError, match="finite"):
         cost.likelihood_maps(MEASURED.problem(), displaced, N, MODES, noise_of(MEASURED.problem(), 1e-3))

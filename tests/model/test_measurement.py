@@ -174,18 +174,15 @@ def test_positions_are_found_by_name_or_in_their_order_and_are_as_many_as_the_mi
     np.testing.assert_array_equal(model.with_positions(flat, level).positions, PLACES[:, :2])
 
 
-def test_joined_takes_keep_their_spectra():
-    f = [np.linspace(90, 220, count) for count in (14, 27)]
+def test_joined_takes_keep_their_spectra_and_their_wavenumbers_follow_the_sound_speed():
     plain = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, sound_speed=343.0)
-    spectra = [np.stack([axis, level * axis]) for axis, level in zip(f, (1, 2), strict=True)]
-    each = [
-        replace(plain, pressures=np.roll(PRESSURES, n, axis=1), spectrum=spectrum)
-        for n, spectrum in enumerate(spectra, 1)
-    ]
+    spectra = [np.stack([axis := np.linspace(90, 220, count), level * axis]) for count, level in ((14, 1), (27, 2))]
+    each = [replace(plain, pressures=np.roll(PRESSURES, n, axis=1), spectrum=s) for n, s in enumerate(spectra, 1)]
     joined = fdcal.Measurement.from_takes(each)
     assert joined.spectrum.shape == (3, 27), "on the finest frequency grid"
-    for number, level in enumerate((1, 2)):
-        axis, power = joined.of_take(number).spectrum
-        np.testing.assert_allclose(power, level * axis)
+    for level, one in enumerate((joined.of_take(0), joined.of_take(1)), 1):
+        np.testing.assert_allclose(one.spectrum[1], level * one.spectrum[0])
+        faster = replace(one, sound_speed=350.0)
+        np.testing.assert_allclose(faster.wavenumbers, 2 * np.pi * one.frequencies / 350.0)
     assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
     refuses("spectrum needs ascending", lambda: replace(joined, spectrum=np.ones((4, 5)) * np.arange(5)))
