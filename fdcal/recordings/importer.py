@@ -161,7 +161,7 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
     """Cut a recording into parts of `seconds`, at least `min_seconds`; a short remainder is joined to the last part."""
     if seconds < min_seconds:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"
-        raise InputError(problem, f"use {min_seconds:.3g} s or more", key="split")
+        raise InputError(problem, f"use {np.ceil(100 * min_seconds) / 100:g} s or more", key="split")
     length = int(seconds * recording.sample_rate)
     starts = list(range(0, recording.samples, length))
     if len(starts) > 1 and recording.samples - starts[-1] < max(length / 2, min_seconds * recording.sample_rate):

@@ -286,7 +286,7 @@ def landscape(
 
 
 def microphone_names(key: str, values: Any) -> tuple[str, ...]:
-    """Return a list of names or numbers of microphones as texts; raise InputError for a name that is not in a list."""
+    """Return a list of names or numbers of microphones as texts; raise InputError if they are not in a list."""
     remedy = f"put names or numbers into a list: <{key}> = [{shown(values, quoted=True)}]"
     return tuple(map(str, _entries(key, values, "microphones", remedy)))
 
