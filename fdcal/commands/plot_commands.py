@@ -51,7 +51,7 @@ def landscape(source, microphone, mode_numbers, result, output, force):
     content = figure_bytes(draw_landscape(panels, truth), path.suffix.lower()[1:])
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
-    print(f"{path}: microphone {n}, lowest cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
+    print(f"{path}: microphone {measurement.names[n]}, lowest cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:

@@ -307,5 +307,5 @@ def _index_of(recording: Recording, name: str, key: str) -> int:
     if name in names:
         return names.index(name)
     few = ", ".join(names[:3])
-    listed = f"the channels are {few} ... {names[-1]}" if len(names) > 4 else f"use {few}"
+    listed = f"the channels are {few} ... {names[-1]}" if len(names) > 3 else f"use {few}"
     raise InputError(f'{key}: there is no channel "{name}"', listed, key=key)

@@ -42,8 +42,8 @@ def require_possible(inputs: CalibrationInput, problem: Problem) -> None:
         outside = free[np.any((truth[free] < low) | (truth[free] > high), axis=1)]
         if len(outside):
             fault = (
-                f"microphone {outside[0]} stands at {truth[outside[0]].tolist()} m, outside the search"
-                f" domain of origin {list(search.origin)} m and size {list(search.size)} m"
+                f"microphone {measurement.names[outside[0]]} stands at {truth[outside[0]].tolist()} m, outside the"
+                f" search domain of origin {list(search.origin)} m and size {list(search.size)} m"
             )
             raise InputError(fault, "enlarge or move the domain", key="search")
     check_channels(measurement.pressures, measurement.names)
