@@ -168,8 +168,8 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         starts.pop()
     if len(starts) < 2:
         problem = f"split = {seconds:.3g} s is too long for {recording.path}, which lasts {recording.duration:.3g} s"
-        longest = 0.99 * min(recording.duration / 1.5, recording.duration - min_seconds)
-        remedy = f"use {longest:.3g} s or less" if longest >= min_seconds else "leave out <split>"
+        longest = np.floor(99 * min(recording.duration / 1.5, recording.duration - min_seconds)) / 100
+        remedy = f"use {longest:g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split")
     fs = recording.sample_rate
     return [

@@ -121,8 +121,8 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     recording = recording_of("long.wav", None, FS, rng.standard_normal((2, 10 * FS)))
     lengths = [[part.samples / FS for part in split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
     assert lengths == [[4, 4, 2], [3, 3, 4], [3.9, 3.9, 2.2]] and len(split(recording, 5.94, 4.0)) == 2
-    refuses("use 5.94 s or less", split, recording, 7.0, 4.0)
-    refuses("use 2.14 s or more", split, recording, 2.13, 32 / 15)
+    for text, *s in ("use 5.94 s or less", 7, 4), ("use 2.14 s or more", 2.13, 32 / 15), ("leave out split", 7, 4.9748):
+        refuses(text, split, recording, *s)
     samples = np.hstack([playing(0, 8, 1), 1e-3 * rng.standard_normal((COUNT, 8 * FS)), playing(1, 8, 2)])
     path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
     measurement, report = import_recording(path, ImportOptions(**GIVEN, split=8.0))
