@@ -59,7 +59,8 @@ def assess_state(
         pair = distance_pair(inputs)
         apart = float(np.linalg.norm(np.subtract(*np.asarray(state.positions)[list(pair)])))
         if not apart > 0:
-            raise InputError(f"microphones {pair[0]} and {pair[1]} coincide", "name others: <distance>", key="distance")
+            both = " and ".join(inputs.measurement.names[i] for i in pair)
+            raise InputError(f"microphones {both} coincide", "name others: <distance>", key="distance")
         scale = inputs.distance[2] / apart
     given, unused = inputs.measurement, {}
     if 0 < len(given.known) < given.count and not len(problem.known):  # positions of all microphones are for `--check`
