@@ -161,7 +161,7 @@ class PlanRequest:
     sound_speed: MetresPerSecond = 343.0
     accuracy: Metres = 0.01  # RMS error to be reached
     seed: Seed = 0  # seed of the positions of the source
-    # number of source positions, each recorded by itself at `snr_db`; every take has all frequencies
+    # number of source positions, each recorded by itself at `snr_db`; every take has the same frequencies
     takes: Annotated[int, within(1, PLAN_LIMITS.max_takes)] = 1
     # what the source plays; "impulse" includes sweeps and claps, and arrival times are used in addition
     kind: Literal["stationary", "impulse"] = "stationary"
