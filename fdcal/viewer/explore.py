@@ -51,13 +51,15 @@ FORM = Path(__file__).with_name("own_files.html")
 
 @dataclass
 class Delivered:
-    """The files of one browser, with their purposes; `uploaded` shows the browser how many bytes have arrived."""
+    """The files of one upload, with their purposes; `uploaded` shows the browser how many bytes have arrived."""
 
     folder: Path
     uploaded: viser.GuiHtmlHandle
+    upload: str  # identifier that the browser gives to all files of one upload
     files: list[tuple[str, Path]] = field(default_factory=list)
     open: BinaryIO | None = None
     count: int = 0  # bytes that have arrived
+    refused: bool = False  # whether the rest of the upload is ignored
 
 
 class OwnFiles:
@@ -92,11 +94,14 @@ class OwnFiles:
         handle, delivered = self._server.get_clients().get(client), self._delivered.get(client)
         if self._closed or handle is None or message.source_component_uuid not in (RECORDING, LIST):
             return
-        if delivered is None:
+        if delivered is None or delivered.upload != message.transfer_uuid:
+            self.forget(client)
             uploaded = handle.gui.add_html(content("upload"), visible=False)
-            delivered = self._delivered[client] = Delivered(Path(tempfile.mkdtemp(dir=self._folder.name)), uploaded)
+            folder = Path(tempfile.mkdtemp(dir=self._folder.name))
+            delivered = self._delivered[client] = Delivered(folder, uploaded, message.transfer_uuid)
         if self._bytes + message.size_bytes > MAX_BYTES or len(delivered.files) == MAX_FILES:
-            self._refuse(client, delivered)
+            self._refuse(delivered)
+        if delivered.refused:
             return
         if delivered.open is not None:
             delivered.open.close()
@@ -109,27 +114,27 @@ class OwnFiles:
     def _take(self, client: int, message: Any) -> None:
         """Write a part of the last file that was begun, on viser's event loop."""
         delivered, size = self._delivered.get(client), len(message.content)
-        if delivered is None or delivered.open is None:
+        if delivered is None or delivered.open is None or delivered.refused:
             return
         if self._bytes + size > MAX_BYTES:  # a browser may send more than it has announced
-            self._refuse(client, delivered)
+            self._refuse(delivered)
             return
         delivered.open.write(message.content)
         delivered.count += size
         self._bytes += size
         delivered.uploaded.content = content("upload", str(delivered.count))
 
-    def _refuse(self, client: int, delivered: Delivered) -> None:
-        self.forget(client)
+    def _refuse(self, delivered: Delivered) -> None:
+        delivered.refused = True
         self._complaint, delivered.uploaded.content = TOO_LARGE, content("upload", "refused")
         self._wake()
 
     def open(self, client: viser.ClientHandle, value: str) -> None:
         """Open the files of a browser; `value`: kind and temperature, degrees Celsius, such as "auto 20"."""
         delivered = self._delivered.get(client.client_id)
-        if delivered is None:
-            return
         self.forget(client.client_id)
+        if delivered is None or delivered.refused:
+            return
         kind, _, celsius = value.partition(" ")
         require_choice("kind", kind, SOURCES)
         self._complaint = ""
@@ -233,7 +238,7 @@ def _slider(binding: Binding, command: str, label: str) -> str:
 
 
 class Explore:
-    """Fills the regions `bar` and `sheet`.
+    """Fills the regions `bar`, `sheet`, `invitation` and `lecture`.
 
     `page` shows the session; the sheet lists the `lessons`; `own_files` receives uploaded files, or is None.
     """

@@ -44,8 +44,7 @@ def files(tmp_path_factory):
 @pytest.fixture
 def own(server, files):
     """The receiver of files, a client, a function that sends files and opens them, and what was opened."""
-    opened = []
-    overlay = Overlay(server.gui)
+    opened, overlay = [], Overlay(server.gui)
     made = OwnFiles(server, opened.append, lambda: None)
     overlay.acts["own"] = made.open
     with ProtocolPage(f"http://127.0.0.1:{server.get_port()}") as page:
@@ -67,7 +66,7 @@ def own(server, files):
                     part(content[at : at + PART])
             page.set("fdcal command", f"{len(opened)}.{np.random.default_rng().integers(1e9)} own={kind}")
 
-        yield SimpleNamespace(made=made, give=give, opened=opened, begin=begin, part=part, page=page)
+        yield SimpleNamespace(made=made, give=give, opened=opened, begin=begin, part=part, channel=overlay.channel)
     made.close()
     server.gui.reset()
     for kind in (_messages.FileTransferStartUpload, _messages.FileTransferPart):
@@ -102,10 +101,10 @@ def test_names_stay_in_the_folder_and_neither_more_bytes_nor_other_roles_are_acc
     monkeypatch.setattr(module, "MAX_BYTES", 100)
     own.part(b"0" * 50)  # the part exceeds the announced size and the limit of the page
     wait_until(lambda: "files: use fdcal view FILE" in own.made.html())
-    own.begin(RECORDING, "big.wav", 1000)
-    own.part(b"0" * 90)
+    own.begin(RECORDING, "small.wav", 10)  # the rest of an upload is refused, too, even if it would fit
+    own.part(b"0" * 10)
     own.give(kind="auto 20")
-    wait_until(lambda: not own.made._delivered)
+    wait_until(lambda: own.channel.value.endswith("own=auto 20") and not own.made._delivered)
     assert own.made._bytes == 60 and not own.opened
     own.made.close()
     assert not folder.exists()

@@ -299,26 +299,28 @@ async function upload(form) {
   const {recording, positions, kind, celsius} = form.elements, button = form.querySelector("button");
   const files = [recording, positions].flatMap(input => [...input.files].map(file => [input.name, file]));
   const total = files.reduce((sum, [, file]) => sum + file.size, 0), post = message => worker.postMessage({type: "send", message});
+  const ids = {source_component_uuid: "", transfer_uuid: Date.now().toString(36)};  // the server takes files of one identifier together
   if (uploading) return;
   if (!recording.files.length) { recording.click(); return; }
   if (total > form.dataset.limit) { note(`These files are too large: ${Math.ceil(total / 1e6)} MB. Use fdcal view FILE.`); return; }
   let sent = uploaded = 0;
   uploading = true;
-  for (const [name, file] of files) {
-    const ids = {source_component_uuid: "", transfer_uuid: ""};
-    post({type: "FileTransferStartUpload", ...ids, source_component_uuid: name, filename: file.name.slice(-150), mime_type: "",
-      part_count: Math.ceil(file.size / PART), size_bytes: file.size});
-    for (let at = 0; at < file.size && connected && !isNaN(uploaded); at += PART) {
-      const content = new Uint8Array(await file.slice(at, at + PART).arrayBuffer());
-      post({type: "FileTransferPart", ...ids, part_index: at / PART, content});
-      sent += content.length;
-      button.textContent = `Sending, ${Math.round(100 * uploaded / total)} %`;
-      while (sent - uploaded > AHEAD && connected) await new Promise(next => { resume = next; setTimeout(next, POLL); });
+  try {
+    for (const [name, file] of files) {
+      post({type: "FileTransferStartUpload", ...ids, source_component_uuid: name, filename: file.name.slice(-150), mime_type: "",
+        part_count: Math.ceil(file.size / PART), size_bytes: file.size});
+      for (let at = 0; at < file.size && !lost && !isNaN(uploaded); at += PART) {
+        const content = new Uint8Array(await file.slice(at, at + PART).arrayBuffer());
+        post({type: "FileTransferPart", ...ids, part_index: at / PART, content});
+        sent += content.length;
+        button.textContent = `Sending, ${Math.round(100 * uploaded / total)} %`;
+        while (sent - uploaded > AHEAD && !lost) await new Promise(next => { resume = next; setTimeout(next, POLL); });
+      }
     }
-  }
+    if (!isNaN(uploaded)) send(`own=${kind.value} ${celsius.value}`);
+  } catch { note("A file cannot be read. Choose it again."); }
   button.textContent = "Open";
   uploading = false;
-  if (!isNaN(uploaded)) send(`own=${kind.value} ${celsius.value}`);
 }
 
 overlay.insertAdjacentHTML("beforeend", '<div id="fdcal-back"><button data-local="sheet:lessons">Lessons</button> '
