@@ -217,7 +217,7 @@ class Cameras:
                 self.place(client, page.view)
             elif self._fitted(page, camera, page.view) != page.fitted or not is_at(camera, page.camera):
                 if any(np.allclose(camera.position, one, rtol=TOLERANCE) for one in (VISER_START, *page.positions)):
-                    self.place(client, page.view)
+                    self.place(client, page.view or page.camera)
             if check is not None:
                 # While the panels move, a page may report the old size of its canvas. An invisible change of the field
                 # of view makes it report again.

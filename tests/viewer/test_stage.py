@@ -54,19 +54,21 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(p
     camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
     placed.follow(client)
     assert camera.look_at == (1.0, 1.0, 0.0), "the user has shifted it"
+    placed.place(client, Camera((1.0, 2.0, 9.0), (1.0, 2.0, 0.5), (0.0, 1.0, 0.0), 0.6, 1.0))  # that of a link
+    camera.position = ordered.position  # an old report
+    placed.follow(client)
+    assert camera.position == (1.0, 2.0, 9.0)
 
 
 def test_the_camera_follows_the_canvas_until_the_user_moves_it(scene, measurement):
     fresh = hardening.open_server("127.0.0.1", 0)  # viser chooses the initial camera
     try:
-        start = tuple(fresh.initial_camera.position)
-        placed = cameras.Cameras(fresh)
+        start, placed = tuple(fresh.initial_camera.position), cameras.Cameras(fresh)
         placed.picture = compose(scene, measurement)
         placed.set_initial(placed.picture)
         client, camera = browser(900)
         placed.place(client, "top")
-        near = camera.position
-        camera.image_width = 450
+        near, camera.image_width = camera.position, 450
         placed.follow(client)
         assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
         moved = (camera.position[0] + 1.0, *camera.position[1:])
@@ -191,8 +193,7 @@ def test_each_view_of_the_array_fills_the_window(server, name, size, view):
     there = Camera(camera.position, camera.look_at, camera.up_direction, camera.fov, 1.0)
     x0, y0, x1, y1 = picture.focus
     corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range]
-    pixels = project(there, size, corners)
-    free = min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
+    pixels, free = project(there, size, corners), min(size[0], 0.55 * size[1] if size[1] > size[0] else size[1])
     assert np.ptp(pixels, axis=0).max() > 0.6 * free
     assert (pixels > 0).all() and (pixels < size).all()
     if size[0] <= cameras.PHONE_WIDTH and view == "top":
