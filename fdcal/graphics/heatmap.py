@@ -4,7 +4,6 @@ The colours of a map in relief contain its shading, and renderers add no light. 
 on a geographic map. Lengths are metres.
 """
 
-import re
 from collections.abc import Sequence
 
 import matplotlib
@@ -67,9 +66,9 @@ def cost_floor(
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
     `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is in decibels re 1, over DECADES decades at most
-    (it is linear if no cost is positive); `label`: name and unit of the cost; `minima`: the minima to be marked, by
-    default only the lowest cost; `relief`: whether the map is shaded and has heights, which rise with the cost;
-    `height`: height at which the map lies, metres.
+    (linear if the 2nd percentile of the costs is negative or the 98th is not positive); `label`: name and unit of the
+    cost; `minima`: the minima to be marked, by default only the lowest cost; `relief`: whether the map is shaded and
+    has heights, which rise with the cost; `height`: height at which the map lies, metres.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
@@ -81,7 +80,7 @@ def cost_floor(
     rgb = to_rgb(normalise(cost, low, high, log))
     if log and low > 0:
         low, high = 10 * float(np.log10(low)), 10 * float(np.log10(high))
-        label = re.sub(r"\((dimensionless|pressure squared)\)", "(dB)", label)
+        label = label.replace("(dimensionless)", "(dB)")
     heights = None
     if relief:
         fractions = normalise(cost, *colour_limits(cost, log, WHOLE), log)

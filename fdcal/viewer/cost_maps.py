@@ -4,7 +4,7 @@ A fast thread computes a map over the solver's own lattice, many times a second 
 nothing changes, a slow thread computes the same map on a finer lattice, and stops as soon as another map is requested.
 
 A volume is the cost of one microphone in space. Its computation mainly consists of the terms of the cost at the nodes
-(`fdcal.cost.maps`). These terms are kept until microphone, modes or positions change, so that a change of the scale
+(`fdcal.cost.maps`). These terms are kept until microphone, modes, order or state change, so that a change of the scale
 does not compute them again.
 """
 
@@ -82,14 +82,11 @@ class CostMapRequest:
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     """Return name and unit of the quantity that a map shows: the cost that the method minimises, or Eq. 7."""
     together = run.solver.TRAITS.moves_all
-    if request.order_offset is not None:
-        name = "Eq. 7, for comparison" if together else "cost, Eq. 7"
-        return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
-    if together:
+    if together and request.order_offset is None:
         unit = "dB re the highest" if request.style.log else "nats"
         return f"negative log-likelihood above its lowest ({unit})"
-    # the unit is that of the pressures, which are scaled only with weights "unit"
-    return f"cost, Eq. 7 ({'dimensionless' if run.scene.solver.weights == 'unit' else 'pressure squared'})"
+    name = "Eq. 7, for comparison" if together else "cost, Eq. 7"
+    return f"{name} (dB)" if request.style.log else f"{name} (relative to the power)"
 
 
 NAT = 1.0  # difference of log-likelihoods up to which two positions count as fitting equally well

@@ -15,6 +15,7 @@ from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import edited, parameters_of
 from fdcal.session.sources import OpenRequest, scene_request
 from fdcal.viewer import html
+from fdcal.viewer.cost_maps import MapStyle, map_label
 from fdcal.viewer.explore import NEEDED, NEW_RUN
 from fdcal.viewer.panels import KEYS, Panels, Tabs, add_keys, help_html
 from fdcal.viewer.state import Binding, PageState
@@ -302,6 +303,9 @@ def test_the_map_is_of_what_the_method_minimises_and_another_quantity_is_labelle
     turn_until(lambda: label() and "log-likelihood" in label())
     set_by_client(viewer.tabs.map.quantity, EQ7)
     turn_until(lambda: label() and label().startswith("Eq. 7, for comparison (dB)"))
+    linear = dataclasses.replace(viewer.wanted, order_offset=None, style=MapStyle(log=False))
+    descent = dataclasses.replace(viewer.run, solver=solvers.load("descent"))
+    assert map_label(descent, linear) == "cost, Eq. 7 (relative to the power)"
     picture = viewer.snapshot.picture
     bar = dataclasses.replace(picture.bar, low=picture.bar.high - 0.9)  # dB
     level = dataclasses.replace(picture, floor=dataclasses.replace(picture.floor, bar=bar))
