@@ -9,9 +9,9 @@ packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). I
            second lowest bytes and so on, because values that hardly change then compress well. The compression is that
            of zlib, which browsers call "deflate"
 map_data   the data with which the browser computes the cost of moving any microphone, at any state, with any modes
-           (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel, and the gains and noise of
-           the channels. It has only modes whose expansion at the order of `fdcal.cost.eq7` has fewer functions than
-           there are microphones ("carried" modes); beyond MAX_PRESSURES numbers the highest of them are left out
+           (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel; the gains and noise of the
+           channels are with the states. It has only modes whose expansion at the order of `fdcal.cost.eq7` has fewer
+           functions than there are microphones ("carried" modes), the lowest ones up to MAX_PRESSURES numbers
 """
 
 import base64
@@ -185,7 +185,8 @@ def run_data(
     settings = getattr(states[-1], "settings", SolverSettings())
     maps, arrays = (None if problem is None else map_data(problem, settings)) or (None, {})
     corrected = maps is not None and any(state.channels is not None for state in states)  # by gains and noise
-    (N, D), count, numbers = states[0].positions.shape, len(states), 2 if truth is None else 4
+    (N, D), count = states[0].positions.shape, len(states)
+    numbers = (reference_cost is not None) + 2 * (truth is not None)  # cost; mean and largest error
     space = max_bytes - BASE_BYTES - NAME_BYTES * N - sum(a.nbytes for a in arrays.values()) * 4 / 3
     each = 4 * N * (D + 3 * corrected) + 4 * len(STATE_NUMBERS) + 8 * numbers  # bytes of a state before they are coded
     kept = evenly_spaced(count, max(2, int(space / (each * 4 / 3))))

@@ -274,8 +274,7 @@ SCALE_OF = """text => {
 
 
 def test_an_address_leads_to_a_state_and_follows_the_viewer(browser, tmp_path):
-    measurement = measured(2, 2)
-    names = ["A & B", *(f"m{n}" for n in range(1, 44))]
+    measurement, names = measured(2, 2), ["A & B", *(f"m{n}" for n in range(1, 44))]
     text, *_ = replay_of(dataclasses.replace(measurement, names=tuple(names)))
     address = "#step=20&microphone=0&modes=2-5&view=3d"
     with opened(browser, tmp_path / "moment.html", text, address) as page:

@@ -24,8 +24,8 @@ function requestMap() {
   if (n >= 0 && indices.length && !working) { working = true; computeMaps(); } else if (!indices.length) map = null;
 }
 
-// Computes maps until the wanted one is finished. If another map is requested within 250 ms, the present one is still
-// finished, so that maps also appear while a slider is dragged.
+// Computes maps until the wanted one is finished. A map of the same microphone is finished even if another one is wanted,
+// if this takes at most 250 ms or the run plays, so that maps also appear while a slider is dragged.
 async function computeMaps() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
