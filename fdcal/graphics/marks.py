@@ -2,10 +2,10 @@
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
 orange diamond, faulty channels violet circles with a bar. Marks differ in shape, and colour-blind readers can
-distinguish their colours, too. A white halo around each keeps it legible on the map and on any background.
+distinguish their colours, too. A white halo around all but trails and ellipses keeps them legible on any background.
 
 In a scene marks are flat meshes with a size in metres, not in pixels. In a legend they are symbols, either SVG or
-images. Figures of matplotlib use a marker for each. The pages of replays and the film get the table as JSON. Lengths
+images. Figures of matplotlib use a marker for some. The pages of replays and the film get the table as JSON. Lengths
 are metres, colours RGB from 0 to 255.
 """
 
@@ -148,8 +148,8 @@ def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarra
 def drape(points, floor: Floor | None, radius: float = 0.0) -> np.ndarray:
     """Return points (P, 2) with the height that a map in relief has there : (P, 3), metres.
 
-    `radius`: radius of a flat mark at each point; the mark gets the largest height of the map within this radius.
-    Points stay unchanged if the map is flat or missing, or if they have a height already.
+    `radius`: radius of a flat mark at each point; the mark gets the largest of nine heights, at the point and on the
+    square around the mark. Points stay unchanged if the map is flat or missing, or if they have a height already.
     """
     points = np.atleast_2d(np.asarray(points, float))
     if floor is None or floor.heights is None or points.shape[1] == 3:
@@ -175,7 +175,7 @@ def mesh(name: str, triangles: glyphs.Triangles, colour: Colour, opacity: float 
 
 
 def marked(name: str, places: np.ndarray, marker_radius: float) -> tuple[Mesh, Mesh]:
-    """Return the mark of MARKS of that name at each of the places (P, 3), metres, and the halo below them."""
+    """Return the halo and the mark of MARKS of that name at each of the places (P, 3), metres."""
     mark = MARKS[name]
     reach = mark.reach * marker_radius
     if mark.shape == "ring":
@@ -193,7 +193,7 @@ def marked(name: str, places: np.ndarray, marker_radius: float) -> tuple[Mesh, M
 def strokes(
     name: str, segments: np.ndarray, marker_radius: float, width: float | None = None, kind: str = ""
 ) -> tuple[Mesh, Mesh]:
-    """Return bars along (S, 2, 3), metres, as lines of a mark, and their halo one layer below.
+    """Return the halo of bars along (S, 2, 3), metres, one layer below, and the bars as lines of a mark.
 
     `width`: width of the bars in radii of a marker, by default that of the mark; `kind`: name of the mark, by default
     `name`.
@@ -207,7 +207,7 @@ def strokes(
 def _with_halo(
     mark: Mark, shape: glyphs.Triangles, wider: glyphs.Triangles, marker_radius: float, name: str = ""
 ) -> tuple[Mesh, Mesh]:
-    """Return a mark and its halo, which is wider and lies one layer below."""
+    """Return the halo of a mark, which is wider and lies one layer below, and the mark."""
     name, (vertices, faces) = name or mark.name, wider
     below = vertices - [0, 0, layer_height(1, marker_radius)], faces
     return mesh(f"{name}_halo", below, mark.halo_colour), mesh(name, shape, mark.colour)
@@ -276,7 +276,7 @@ def marks_json(names: dict[str, str]) -> dict[str, dict[str, Any]]:
 
 
 def plot_marks(panel: Any, name: str, places, scale: float = 1.0, label: str = "") -> None:
-    """Draw a mark at places (P, 2), metres, into a panel of matplotlib, with its halo and, in the legend, `label`."""
+    """Draw a mark at places (P, 2), metres, into a panel of matplotlib; `label`: in the legend, by default its own."""
     if places is None or not len(places):
         return
     from matplotlib import patheffects

@@ -143,7 +143,7 @@ def room_and_source(scene: Scene, marker_radius: float, theme: Theme) -> list[Pa
 
 # In radii of a marker, for a search domain that fills the screen: size of a text, and distances.
 LETTER, HEIGHT = 1.2, 2.8  # mean width of a letter, margins included; height of a text
-BESIDE, ABOVE = 3.2, 3.2  # distance of a name from its microphone; a diamond fits in between
+APART = 3.2  # distance of a name from its microphone; a diamond fits in between
 MARK = 1.2  # radius of another mark
 # Directions from the microphone to its name, in the order of preference.
 SIDES = (
@@ -164,8 +164,7 @@ def name_place(
     low, high = (np.reshape(marks, (-1, 2)) + reach for reach in (-MARK * marker_radius, MARK * marker_radius))
     found = []
     for across, up in SIDES:
-        reach = marker_radius * (ABOVE if across == 0 else BESIDE)
-        x, y = float(place[0] + across * reach), float(place[1] + up * reach)
+        x, y = (float(at + way * APART * marker_radius) for at, way in zip(place, (across, up), strict=True))
         left = x - width * (0.5 if across == 0 else float(across < 0))
         bottom = y - height * (0.5 if up == 0 else float(up < 0))
         right, top = left + width, bottom + height
@@ -484,7 +483,7 @@ def with_ball(picture: Picture, place, floor: Floor | None, path=None, text: str
 
 
 def _on_map(points: np.ndarray, floor: Floor | None, base: float, radius: float = 0.0) -> np.ndarray:
-    """Return points (P, 3), metres, on a map: at its highest point within a radius, or at its level if it is flat."""
+    """Return points (P, 3), metres, on a map: as high as `drape` lifts them, or at its level if it is flat."""
     draped = drape(points, floor, radius)
     return draped if draped.shape[1] == 3 else glyphs.lift(draped, base)
 

@@ -231,7 +231,7 @@ class Drop:
                 cost, search = drawn.sampled.cost, drawn.sampled.search
             else:
                 n, modes, order = request.microphone, request.modes, request.order_offset
-                search = lattice_of(run.problem, modes)  # the lattice on which the minima of the map were found
+                search = lattice_of(run.problem, modes)  # fine enough for the minima of the map
                 cost = cost_maps(run.problem, run.solver, request.state, n, modes, order, search).sum(axis=0)
             found = self._cost.keep((cost, search, basins_of(cost)), request, drawn.fine)
         cost, search, basins = found

@@ -76,13 +76,14 @@ function level(x, y) {
   const [u, v] = [x - origin[0], y - origin[1]].map((d, i) => Math.min(Math.max(d / size[i] * (n - 1), 0), n - 1.001)), i = Math.floor(u), j = Math.floor(v), at = j * n + i;
   return (1 - v + j) * ((1 - u + i) * mixed[at] + (u - i) * mixed[at + 1]) + (v - j) * ((1 - u + i) * mixed[at + n] + (u - i) * mixed[at + n + 1]);
 }
-// A mark rests on the highest point within its radius; over a valley that is too narrow, a ball rests on the rim.
+// A mark rests on the highest of nine points, its centre and eight on the square around it; over a narrow valley, a ball
+// therefore rests on the rim.
 function restingOn([x, y], radius) {
   const around = [-radius, 0, radius];
   return [x, y, height * Math.max(...around.flatMap(a => around.map(b => level(x + a, y + b))))];
 }
 
-// --- the relief: its surface and the two sides that are seen, in one strip of triangles each
+// --- the relief: triangles of its surface and of the two sides that are seen
 
 const VERTEX = `#version 300 es
 in vec3 place; in vec2 look;  // look: level on the colour scale, or -1 on a side, and brightness

@@ -3,7 +3,7 @@
 All texts from files and solvers are escaped.
 
 `server/page.js` draws the regions in each browser. Their HTML is sent in invisible controls. An element with `data-do`
-sends its value as a command: `<button data-do="play">` sends "play", `<input type="range" data-do="modes">` sends
+sends a command: `<button data-do="play">` sends "play", `<input type="range" data-do="modes">` with the value 12 sends
 "modes=12". If a region changes in part, the other elements stay, so that a slider can be dragged meanwhile.
 """
 
@@ -228,7 +228,7 @@ class Overlay:
         self.guarded(client, lambda: act(client, value))
 
     def guarded(self, client: viser.ClientHandle, act: Callable[[], object]) -> None:
-        """Call `act`; an error that it raises is shown to one browser in one line."""
+        """Call `act`; show an InputError or StorageError to one browser in one line, and log any other exception."""
         try:
             act()
         except (InputError, StorageError) as error:

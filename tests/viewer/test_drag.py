@@ -282,9 +282,7 @@ def test_the_words_of_a_drop_and_their_button_stay_when_the_session_answers_late
 @pytest.fixture
 def blind(work):
     """A run of a blind array whose states are rotated, moved and mirrored, each differently."""
-    rng = np.random.default_rng(5)
-    truth = np.asarray(work.measurement.positions)
-    states = []
+    rng, truth, states = np.random.default_rng(5), np.asarray(work.measurement.positions), []
     for angle, side in ((0.4, 1), (2.0, -1), (-1.1, 1)):
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]) * [1, side]
         states.append(State(truth @ turn + rng.normal(0, 1, 2) + rng.normal(0, 0.03, truth.shape)))

@@ -66,8 +66,7 @@ def costs_of(states, values):
 
 
 def test_errors_are_those_of_the_microphones_sought_and_follow_a_rewound_history(server, measurement):
-    curves = curves_of(server, measurement, np.array([4, 5]))
-    away = np.zeros((10, 2))
+    curves, away = curves_of(server, measurement, np.array([4, 5])), np.zeros((10, 2))
     away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
     states = [State(measurement.positions + away / (i + 1), i) for i in range(6)]
     curves.show(PageState(view_of(states), 0.0))

@@ -22,7 +22,7 @@ from ...model.validation import evenly_spaced
 from ..state import Binding, PageState, Tab
 
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
-MAX_NUMBERED_DECADES = 9  # largest number of decades each of which has a number on the axis
+MANY_DECADES = 9  # an axis with this number of powers of ten or more has a number only at some of them
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
 APART = 0.3  # s, delay of new axes after the data that need them
 PADDING = (12, 22, 0, 0)  # pixels; half of the last number extends beyond the axis on the right
@@ -85,7 +85,7 @@ class Plot:
             y = uplot.Scale(range=self._ends)
         elif self._ends is not None:
             splits = tuple(10.0**power for power in self._ends)
-            apart = 1 + len(splits) // MAX_NUMBERED_DECADES
+            apart = 1 + len(splits) // MANY_DECADES
             numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
             y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
@@ -113,7 +113,7 @@ class CurvesTab(Tab):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._sought = sought  # microphones whose errors are averaged
         self._states: list[Any] = []  # the states of `_rows`
-        self._rows: list[tuple] = []  # sweeps, mean error, largest error
+        self._rows: list[tuple] = []  # sweeps; mean and largest error, mm
         self._decades = range(0)  # decades of the errors of this run so far
         self.error: Plot | None = None
         if measurement.positions is not None:

@@ -28,19 +28,17 @@ from ..server.client_values import fits
 from ..session_view import PageParts, Viewer
 from ..state import Choices
 
-OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson leaves as they are
-
 
 def plain_choices() -> dict[str, Any]:
-    """Return the choices that a page begins with, for an OpenRequest, without OF_THE_PAGE."""
-    return {key: value for key, value in Choices().to_save().items() if key not in OF_THE_PAGE}
+    """Return the choices that a page begins with, for an OpenRequest, except those of microphone and theme."""
+    return {key: value for key, value in Choices().to_save().items() if key not in ("microphone", "dark")}
 
 
-def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str], None], restarted: bool) -> None:
+def apply_setting(setting: LessonSetting, tabs: Tabs, place: Callable[[str], None], restarted: bool) -> None:
     """Set the controls of a session that already shows the scene of `setting`.
 
-    `place_all` moves the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will
-    be after the commands in its queue. InputError if the setting names modes that were not measured.
+    `place` moves the cameras of all browsers, or of one, to a view; `restarted`: whether the session is at its start,
+    or will be after the commands in its queue. InputError if the setting names modes that were not measured.
     """
     setting, count = setting.unfolded(), tabs.binding.modes
     session = tabs.binding.session
@@ -65,7 +63,7 @@ def apply_setting(setting: LessonSetting, tabs: Tabs, place_all: Callable[[str],
     }
     for name in ("order_offset", "minima", "trails", "ellipses", "verdict", "panel"):
         effects[name] = lambda value, name=name: tabs.binding.choose(**{name: value})
-    effects["view"] = place_all
+    effects["view"] = place
     for name, act in effects.items():
         if getattr(setting, name) is not None:
             act(getattr(setting, name))

@@ -35,7 +35,7 @@ def given_table(channels: Channels | None) -> str:
 def position_table(
     measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | None, selected: int, sought: np.ndarray | slice
 ) -> str:
-    """Return a table of the microphones, those with the largest errors first and the known ones last.
+    """Return a table of the microphones, the largest errors, or else the largest `sigma`, first, the known ones last.
 
     `positions` (N, D) float64, metres, are the estimates; `sigma` (N,) float64, metres, is their standard deviation, or
     None; `selected` is the microphone of the map, counted from 0; `sought` are the numbers of the microphones by which
@@ -54,7 +54,7 @@ def position_table(
         rows.append((cells, SELECTED if n == selected else ""))
     error = [] if errors is None else [f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"]
     more = len(positions) - MAX_ROWS
-    below = f"<div style='{CARD} opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
+    below = f"<div style='{CARD} opacity: 0.65'>and {more} more</div>" if more > 0 else ""
     sigmas = [] if sigma is None else ["&plusmn; &sigma;<br>(mm)"]
     return STYLE + table(("mic<br>", "position<br>(m)", *error, *sigmas), rows) + below
 
