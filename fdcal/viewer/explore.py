@@ -125,8 +125,7 @@ class OwnFiles:
         delivered.uploaded.content = content("upload", str(delivered.count))
 
     def _refuse(self, delivered: Delivered) -> None:
-        delivered.refused = True
-        self._complaint, delivered.uploaded.content = TOO_LARGE, content("upload", "refused")
+        delivered.refused, self._complaint, delivered.uploaded.content = True, TOO_LARGE, content("upload", "refused")
         self._wake()
 
     def open(self, client: viser.ClientHandle, value: str) -> None:
@@ -159,6 +158,8 @@ class OwnFiles:
             raise InputError("no recording was chosen", "choose a file")
         first, report, left_out = paths[0], "", ()
         if first.suffix.lower() == ".zip":
+            if len(files) > 1:
+                raise InputError(f"{first.name} is a session, and other files were given, too", "choose it alone")
             self._show(session_file.read(str(first)))
             return f"{first.name} is shown."
         if first.suffix.lower() == ".npz" and not sources.is_recording(str(first)):

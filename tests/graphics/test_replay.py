@@ -177,8 +177,7 @@ def measured(dimension, array_dimension, count=44, modes=9):
     """Plane waves with a decay at random positions: names, frequencies and wavenumbers as of a measured room."""
     low, size = np.array([*SEARCH.origin, 0.5]), np.array([*SEARCH.size, 0.6])
     rng, f, search = np.random.default_rng(dimension + array_dimension), np.linspace(60, 280, modes), SEARCH
-    places = (low + size * rng.uniform(size=(count, 3)))[:, :array_dimension]
-    k = 2 * np.pi * f / 343 - 0.04j
+    places, k = (low + size * rng.uniform(size=(count, 3)))[:, :array_dimension], 2 * np.pi * f / 343 - 0.04j
     if array_dimension == 3:
         search = dataclasses.replace(SEARCH, origin=tuple(low), size=tuple(size))
     return Measurement(

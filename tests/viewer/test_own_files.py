@@ -83,6 +83,8 @@ def test_each_kind_of_file_is_opened_with_its_report_and_a_fault_is_one_line(own
         wait_until(lambda title=title: own.opened[-1].scene.name == title)
     own.give((RECORDING, "broken.wav"))
     wait_until(lambda: ">broken.wav is not a sound file" in own.made.html())
+    own.give((RECORDING, "run.zip"), (LIST, "list.csv"))
+    wait_until(lambda: "run.zip is a session" in own.made.html())
     own.give((RECORDING, "one.wav"), kind="auto hot")
     wait_until(lambda: "temperature" in own.made.html() and not own.made.worker.busy)
     assert len(own.opened) == 3

@@ -54,8 +54,7 @@ def test_a_map_stands_under_its_own_microphone_only_and_the_legend_says_that_it_
 
 def step_to(viewer, *states, **changes):
     """Let the session show the last of some states of its run."""
-    session = viewer.run.session
-    changes = {"index": len(states) - 1, "history": states, **changes}
+    session, changes = viewer.run.session, {"index": len(states) - 1, "history": states, **changes}
     session.view = dataclasses.replace(session.view, state=states[-1], **changes)
 
 

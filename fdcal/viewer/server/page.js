@@ -174,7 +174,7 @@ function morph(old, wanted) {
     if (!one || keyOf(one) != key || one.nodeName != node.nodeName) { old.insertBefore(node, one ?? null); continue; }
     rest.shift();
     if (node.nodeType != Node.ELEMENT_NODE) { if (one.data != node.data) one.data = node.data; continue; }
-    for (const {name} of [...one.attributes]) if (!node.hasAttribute(name) && name != "open") one.removeAttribute(name);
+    for (const {name} of [...one.attributes]) if (!node.hasAttribute(name)) one.removeAttribute(name);
     for (const {name, value} of node.attributes) if (one.getAttribute(name) != value) one.setAttribute(name, value);
     if (one.matches("input[data-do]") && !one.matches(":active") && !waiting.has(one.dataset.do)) one.value = node.getAttribute("value");
     morph(one, node);
