@@ -14,7 +14,9 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds, length of a window
-MAX_FLAT = 16  # largest number of microphones that are tested for standing on a plane
+# Largest number of microphones of an array that is tested for being flat; more determine their heights by themselves. If
+# there are too many for the windows in space, TESTED of them are tested.
+MAX_FLAT, TESTED = 12, 16
 SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
 MAX_WINDOWS = 400  # largest number of windows of all takes together
 # Largest number of groups of all takes together, and number of microphones above which it is lower, because the time
@@ -102,13 +104,14 @@ def _with_sound(p: np.ndarray) -> np.ndarray:
 def found_flat(measurement: Measurement) -> bool:
     """Return whether the windows show a flat array (`fdcal.solvers.robust.windows.is_flat`).
 
-    Only arrays without any reported position are tested. MAX_FLAT of the microphones suffice, and more take longer.
+    Only arrays without any reported position are tested.
     """
     windows, unknown = measurement.windows, measurement.positions is None and not len(measurement.known)
-    if windows is None or not unknown or measurement.array_dimension != 3:
+    N, medium = measurement.count, MAX_FLAT < measurement.count <= MAX_COUNT[3]
+    if windows is None or not unknown or measurement.array_dimension != 3 or medium:
         return False
-    some = np.unique(np.linspace(0, measurement.count - 1, MAX_FLAT).astype(int))
-    windows = windows.of_microphones(np.isin(np.arange(measurement.count), some))
+    some = np.isin(np.arange(N), np.linspace(0, N - 1, TESTED).astype(int)) if N > MAX_FLAT else np.ones(N, bool)
+    windows = windows.of_microphones(some)
     from ..solvers.robust.windows import is_flat  # imported here: it loads the solver, which most takes do not need
 
     return is_flat(windows, measurement.sound_speed)
