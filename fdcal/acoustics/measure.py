@@ -62,8 +62,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None, c
         if cached:
             require_measurable(take)
         simulated = cached and recordings is None and scene.room.dimension == 2
-        own = cached_recordings(take, report) if simulated else recordings
-        fields.append(sound_field(take, own, report))
+        fields.append(sound_field(take, cached_recordings(take, report) if simulated else recordings, report))
     return measured(scene, fields)
 
 

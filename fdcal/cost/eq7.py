@@ -275,8 +275,7 @@ class FieldExpansion:
             weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
             weights[0] /= 2
             series = np.tensordot(weights, values, axes=1)
-            largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
-            kept = int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1
+            kept = int(np.flatnonzero(np.abs(series).reshape(TERMS, -1).max(axis=1) > NEGLIGIBLE)[-1]) + 1
             self._tables[order] = np.ascontiguousarray(series[:kept])
         table = self._tables[order][:, np.searchsorted(alike, group)]
         powers = chebvander(2 * squared - 1, len(table) - 1)

@@ -127,8 +127,7 @@ def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
     """Return the relative noise tau (N,) of the channels, of median 1, after one step of the fixed-point iteration."""
     v, tau, count = field.noise[:, None], field.channel_noise, CHANNEL_COUNT
     left = tau * np.sum(v * terms.precision, axis=0)
-    seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
-    fresh = (seen + count) / (left + count)
+    fresh = (tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0) + count) / (left + count)
     return np.clip(fresh / np.median(fresh), MIN_CHANNEL_NOISE, MAX_CHANNEL_NOISE)
 
 

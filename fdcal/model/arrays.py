@@ -196,8 +196,7 @@ def snap(points: np.ndarray, cell: float) -> np.ndarray:
 def ball(count: int, radius: float, rng: np.random.Generator) -> np.ndarray:
     """Return `count` random points in a ball, uniform in its volume : (count, 3) float64, metres."""
     directions = rng.standard_normal((count, 3))
-    reach = radius * rng.random(count) ** (1 / 3)
-    return directions * (reach / np.linalg.norm(directions, axis=1))[:, None]
+    return directions * (radius * rng.random(count) ** (1 / 3) / np.linalg.norm(directions, axis=1))[:, None]
 
 
 WALL_DISTANCE_M = 0.1  # least distance of a source from every wall: half the depth of a small loudspeaker

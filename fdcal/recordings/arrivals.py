@@ -84,8 +84,7 @@ def first_arrivals(responses: np.ndarray, rate: float) -> tuple[np.ndarray, floa
     correlation, template = np.zeros(N), np.zeros(len(window))
     for _ in range(DIRECT_SOUND.rounds):
         cut = np.array([_cut(h, t, before, after) for h, t in zip(fine, at, strict=True)]) * window
-        size = np.linalg.norm(cut, axis=1)
-        unit = cut / np.maximum(size, np.finfo(float).tiny)[:, None]
+        unit = cut / np.maximum(np.linalg.norm(cut, axis=1), np.finfo(float).tiny)[:, None]
         template = np.linalg.svd(unit[found], full_matrices=False)[2][0]
         for n in np.flatnonzero(found):
             at[n], correlation[n] = _best_lag(fine[n], at[n], template * window, window, before, after, pad)

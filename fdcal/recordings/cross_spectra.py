@@ -149,8 +149,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows:
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)
     used = used[np.argsort(seen[used], kind="stable")]
-    wanted = max(1, int(max_rows * len(used) / len(keep)))
-    kept = used[spread_over_band(seen[used], band, wanted, apart)]
+    kept = used[spread_over_band(seen[used], band, max(1, int(max_rows * len(used) / len(keep))), apart)]
     while counts[kept].sum() > max_rows and len(kept) > 1:  # the frequencies may have several rows each
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]

@@ -108,8 +108,7 @@ def spread_over_band(frequencies: np.ndarray, band: Band, max_rows: int, apart: 
     count = max(1, min(max_rows, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
     width = (band[1] - band[0]) / max(1, count - 1)
     part = np.round((frequencies - band[0]) / width).astype(int) if count > 1 else np.zeros(len(frequencies), int)
-    away = np.abs(frequencies - band[0] - part * width)
-    order = np.lexsort((away, part))
+    order = np.lexsort((np.abs(frequencies - band[0] - part * width), part))
     firsts = order[np.unique(part[order], return_index=True)[1]]
     kept = []
     for n in firsts.tolist():

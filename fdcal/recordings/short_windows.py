@@ -14,8 +14,8 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds, length of a window
-# Largest number of microphones of an array that is tested for being flat; more determine their heights by themselves. If
-# there are too many for the windows in space, TESTED of them are tested.
+# Largest number of microphones of an array that is tested for being flat; more determine their heights by themselves.
+# If there are too many for the windows in space, TESTED of them are tested.
 MAX_FLAT, TESTED = 12, 16
 SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
 MAX_WINDOWS = 400  # largest number of windows of all takes together
@@ -106,12 +106,11 @@ def found_flat(measurement: Measurement) -> bool:
 
     Only arrays without any reported position are tested.
     """
-    windows, unknown = measurement.windows, measurement.positions is None and not len(measurement.known)
-    N, medium = measurement.count, MAX_FLAT < measurement.count <= MAX_COUNT[3]
-    if windows is None or not unknown or measurement.array_dimension != 3 or medium:
+    windows, N = measurement.windows, measurement.count
+    unknown = measurement.positions is None and not len(measurement.known)
+    if windows is None or not unknown or measurement.array_dimension != 3 or MAX_FLAT < N <= MAX_COUNT[3]:
         return False
-    some = np.isin(np.arange(N), np.linspace(0, N - 1, TESTED).astype(int)) if N > MAX_FLAT else np.ones(N, bool)
-    windows = windows.of_microphones(some)
+    windows = windows.of_microphones(np.linspace(0, N - 1, min(N, TESTED)).round().astype(int))
     from ..solvers.robust.windows import is_flat  # imported here: it loads the solver, which most takes do not need
 
     return is_flat(windows, measurement.sound_speed)
@@ -121,8 +120,7 @@ def _decay(recording: Recording, n: int) -> tuple[int, int]:
     """Return the first samples of the first and of the last window of an impulse response."""
     fs = recording.sample_rate
     x = read_samples(recording, 0, recording.samples)
-    peak = np.abs(x).max(axis=1, keepdims=True)
-    onset = int(np.median(np.argmax(np.abs(x) > ONSET * peak, axis=1)))
+    onset = int(np.median(np.argmax(np.abs(x) > ONSET * np.abs(x).max(axis=1, keepdims=True), axis=1)))
     energy = np.convolve(np.sum(x**2, axis=0), np.ones(n), "same")
     floor = np.median(energy[-max(1, len(energy) // 10) :])
     end = onset + int(np.argmax(np.append(energy[onset:] < OVER_NOISE * floor, True)))

@@ -72,8 +72,7 @@ def test_the_decay_of_room_and_window_together_is_always_the_same(decay):
 def test_transform_equals_its_defining_sum():
     signals = np.random.default_rng(0).normal(size=(3, 5000))
     f, s = np.array([0.0, 31.4, 777.7]), 5.0
-    time = np.arange(5000) / FS
-    expected = np.exp(-np.outer(s + 2j * np.pi * f, time)) @ signals.T
+    expected = np.exp(-np.outer(s + 2j * np.pi * f, np.arange(5000) / FS)) @ signals.T
     np.testing.assert_allclose(spectrum.laplace_transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
 
 
@@ -137,8 +136,7 @@ def test_the_residual_of_helmholtz_falls_with_the_order(scene):
 def test_noise_has_the_requested_power(scene, recordings):
     noisy = replace(scene, measurement=replace(scene.measurement, snr_db=20.0))
     clean, measured = measure(scene, recordings), measure(noisy, recordings)
-    power = np.mean(np.abs(clean.pressures) ** 2, axis=1)
-    np.testing.assert_allclose(measured.noise_power, power / 100)
+    np.testing.assert_allclose(measured.noise_power, np.mean(np.abs(clean.pressures) ** 2, axis=1) / 100)
     error = np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None]
     assert error.mean() == pytest.approx(1, abs=0.15) and not np.any(clean.noise_power)
     np.testing.assert_array_equal(measure(noisy, recordings).pressures, measured.pressures)

@@ -161,8 +161,7 @@ EXCLUDED = {
 
 
 def first_row(found: Estimate, scale: float | None = None) -> int:
-    names = [str(n) for n in range(len(found.positions))]
-    seen = judged(found, names, scale)
+    seen = judged(found, [str(n) for n in range(len(found.positions))], scale)
     return next(i for i, row in enumerate(FINDINGS) if row.applies(seen, row.limit))
 
 

@@ -84,8 +84,7 @@ def test_the_minima_are_those_whose_prominence_exceeds_the_depth(shape, seed):
 def test_every_minimum_lies_in_the_basin_of_its_number():
     for seed in range(6):
         x, y = lattice()
-        cost = waves(np.random.default_rng(seed))(np.stack([x, y], axis=-1))
-        basins = basins_of(cost)
+        basins = basins_of(waves(np.random.default_rng(seed))(np.stack([x, y], axis=-1)))
         np.testing.assert_array_equal(basins.labels[tuple(basins.minima.T)], np.arange(len(basins.minima)))
 
 
@@ -141,7 +140,6 @@ def test_a_path_passes_a_dent_that_is_too_shallow_to_count():
     cost = np.add.outer((np.arange(21.0) - 10) ** 2, 0.5 * np.abs(x - 14))
     cost[10, 39] -= 0.6  # lower than both neighbours by at most a hundredth of the range
     search = Search((0.0, 0.0), (5.9, 2.0), 0.1, 1.0)
-    basins = basins_of(cost, depth=0.05)
-    path = descent_path(cost, search, basins, (3.9, 1.0))
+    path = descent_path(cost, search, basins_of(cost, depth=0.05), (3.9, 1.0))
     np.testing.assert_allclose(path.points[-1], (1.4, 1.0), atol=1e-9)
     assert np.all(np.diff(path.costs) < 0) and np.abs(np.diff(path.points, axis=0)).max() < 0.3, "no jump"

@@ -98,8 +98,7 @@ def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
         assert estimates.hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
         return likelihood_terms(TRUTH, p, scaled, derivatives=False).costs + prior
 
-    slopes = (costs(1) - costs(-1)) / (2 * h)
-    np.testing.assert_allclose(slopes, 0.0, atol=1e-4)
+    np.testing.assert_allclose((costs(1) - costs(-1)) / (2 * h), 0.0, atol=1e-4)
     for mode in range(0, M, 7):
         for factor in (0.8, 1.25):
             other = replace(field, power=np.where(np.arange(M) == mode, factor, 1.0) * field.power)
@@ -195,5 +194,4 @@ def test_an_iteration_is_that_of_the_formula(dimension, D, microphones, damping,
     np.testing.assert_allclose(found, expected, rtol=1e-7)
     np.testing.assert_allclose(found @ w, 1.0, rtol=1e-12)
     twice = estimates.learned_powers(x, p, replace(field, directions=found), TAKES, 1, count)
-    at_once = estimates.learned_powers(x, p, field, TAKES, 2, count)
-    np.testing.assert_allclose(at_once, twice, rtol=1e-9)
+    np.testing.assert_allclose(estimates.learned_powers(x, p, field, TAKES, 2, count), twice, rtol=1e-9)

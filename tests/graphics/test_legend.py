@@ -121,8 +121,7 @@ def test_page_and_png_show_the_same_entries(full):
 def test_each_entry_of_the_png_stands_in_its_colour_below_the_map(full):
     camera = camera_for(full, SIZE, "top", margins(full, SIZE))
     image = annotate(np.full((SIZE[1], SIZE[0], 3), 255, np.uint8), full, camera).astype(int)
-    without = replace(full, meshes=(), lines=())
-    height = margins(full, SIZE)[1] - margins(without, SIZE)[1]
+    height = margins(full, SIZE)[1] - margins(replace(full, meshes=(), lines=()), SIZE)[1]
     assert height > 20
     rows = image[-round(height) - 5 :]
     for entry in legend_of(full):

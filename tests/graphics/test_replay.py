@@ -188,8 +188,7 @@ def measured(dimension, array_dimension, count=44, modes=9):
 
 def states_of(measurement, count=4, channels=None):
     """States on their way to the truth; each moves one microphone."""
-    rng = np.random.default_rng(1)
-    away = 0.03 * rng.normal(size=measurement.positions.shape)
+    away = 0.03 * np.random.default_rng(1).normal(size=measurement.positions.shape)
     numbers = dict(sweep=0, stage=0, restart=0, first=1, channels=channels)
     places = [measurement.positions + away * (count - 1 - t) for t in range(count)]
     return [SimpleNamespace(positions=x, step=10 * t, moved=3 + t, last=4 + t, **numbers) for t, x in enumerate(places)]

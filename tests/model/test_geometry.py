@@ -186,8 +186,7 @@ def test_a_domain_contains_the_array_and_a_margin(dimension, size):
 
 
 def test_a_blind_array_keeps_its_domain_only_if_this_lies_round_its_true_positions():
-    rng = np.random.default_rng(2)
-    truth = rng.uniform(size=(20, 2))
+    truth = np.random.default_rng(2).uniform(size=(20, 2))
     estimate, around = truth @ [[0.0, -1.0], [1.0, 0.0]] + 9.0, search_around(truth)
     assert search_around(estimate, around, truth) is around
     elsewhere = dataclasses.replace(around, origin=(8.0, 8.0), radius=3.0)

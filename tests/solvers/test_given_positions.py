@@ -115,8 +115,7 @@ def test_the_probability_of_given_positions_does_not_depend_on_where_near_the_mi
 
 
 def test_positions_that_are_all_inaccurate_do_not_deform_the_array(healthy):
-    rng = np.random.default_rng(7)
-    away = rng.normal(size=(6, 2))
+    away = np.random.default_rng(7).normal(size=(6, 2))
     away *= 0.02 / np.linalg.norm(away, axis=1)[:, None]
     end, accurate = solved(given(healthy, away)), solved(healthy)
     found, truth = end.assessment, healthy.positions

@@ -137,8 +137,7 @@ def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_miss
 def test_before_the_first_step_given_positions_are_where_they_are_given():
     rng = np.random.default_rng(4)
     problem = measured(rng.uniform(2.0, 2.6, (12, 2)), KNOWN).problem("unit")
-    settings = solvers.with_mode_count(problem, SolverSettings())
-    state = solvers.load("robust").init(problem, settings, 0)
+    state = solvers.load("robust").init(problem, solvers.with_mode_count(problem, SolverSettings()), 0)
     np.testing.assert_array_equal(state.positions[KNOWN], problem.known_positions)
 
 

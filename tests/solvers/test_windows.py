@@ -15,13 +15,14 @@ from fdcal.model.problem import ShortWindows
 from fdcal.model.settings import SolverSettings
 from fdcal.recordings.importer import ImportOptions, measurement_of_takes
 from fdcal.recordings.recording import recording_of
+from fdcal.recordings.short_windows import found_flat
 from fdcal.solvers import robust
 from fdcal.solvers.robust import windows
 from fdcal.solvers.robust.arrivals import arrivals_of
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.schedule import with_windows
 from fdcal.solvers.robust.state import FINAL
-from fdcal.solvers.robust.windows import WindowTerm, fitted, is_flat, likelihood_of, precision_of, usable, with_rival
+from fdcal.solvers.robust.windows import WindowTerm, fitted, likelihood_of, precision_of, usable, with_rival
 
 RATE, SOUND = 8000, 343.2
 
@@ -202,21 +203,37 @@ def test_arrivals_of_six_takes_are_not_outweighed():
     assert cost(end)[0] < minimize(cost, end.ravel(), jac=True).fun + chi2.isf(0.0027, 13) / 2
 
 
-@pytest.mark.parametrize(("height", "dead"), [(0.0, False), (0.06, False), (0.0, True)])
-def test_an_array_is_flat_where_its_windows_show_no_heights(height, dead):
-    """The windows are drawn from the model: eight microphones on a tilted plane, or up to 60 mm above it."""
+@pytest.mark.parametrize(
+    ("count", "height", "dead"),
+    [(8, 0.0, False), (8, 0.06, False), (8, 0.0, True), (40, 0.0, False), (40, 0.06, False)],
+)
+def test_an_array_is_flat_where_its_windows_show_no_heights(count, height, dead):
+    """The windows are drawn from the model: microphones on a tilted plane, or up to 60 mm above it."""
     rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
-    x = rng.uniform(-0.15, 0.15, (8, 3)) * [1, 1, 0]
-    x[:, 2] = height * np.array([1, -1, 1, -1, -1, 1, -1, 1])
-    x = turned(x)
-    K = anisotropic_kernel(x, k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), 0.0, False)[0]
-    L = np.linalg.cholesky(K + 0.02 * np.eye(8))
-    z = rng.standard_normal((len(k), 60, 8, 2)).view(complex)[..., 0]
-    p = z @ L.swapaxes(1, 2)
+    x = rng.uniform(-0.15, 0.15, (count, 3)) * [1, 1, 0]
+    x[:, 2] = height * np.resize([1, -1, 1, -1, -1, 1, -1, 1], count)
+    K = anisotropic_kernel(turned(x), k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), 0.0, False)[0]
+    z = rng.standard_normal((len(k), 60, count, 2)).view(complex)[..., 0]
+    p = z @ np.linalg.cholesky(K + 0.02 * np.eye(count)).swapaxes(1, 2)
     if dead:
         p[..., 3] = rng.standard_normal((*p.shape[:2], 2)).view(complex)[..., 0]
-    windows = ShortWindows(k * SOUND / (2 * np.pi), np.zeros(len(k), np.int64), p, 0.03)
-    assert is_flat(windows, SOUND) == (height == 0)
+    measurement = fdcal.Measurement.from_arrays(f := k * SOUND / (2 * np.pi), p[:, 0], sound_speed=SOUND)
+    measurement = replace(measurement, windows=ShortWindows(f, np.zeros(len(k), np.int64), p, 0.03))
+    assert found_flat(measurement) == (height == 0)
+
+
+def test_more_than_eight_microphones_do_not_make_the_size_and_shear_of_a_plane_array_more_certain(monkeypatch):
+    rng, k = np.random.default_rng(5), np.linspace(4, 60, 20)
+    field = first_field(rng.uniform(-0.15, 0.15, (32, 2)), 1)
+    p = rng.standard_normal((20, 40, 32, 2)).view(complex)[..., 0]
+    likelihood, x = ShortLikelihood(k, np.zeros(20, np.int64), p, 0.0), field.positions[:, :2]
+    maps = np.kron(np.column_stack([x, np.ones(32)]), np.eye(2))  # all linear maps and translations
+    other = (y := rng.standard_normal(64)) - maps @ np.linalg.lstsq(maps, y, rcond=None)[0]
+    here = windows.covariance_of(likelihood, field, np.arange(2))
+    monkeypatch.setattr(windows, "FEW", 32)
+    least = windows.covariance_of(likelihood, field, np.arange(2))
+    for move, factor in ((x.ravel(), 4), ((x * [1, -1]).ravel(), 4), (other, 1)):
+        assert move @ here @ move == pytest.approx(factor * move @ least @ move, rel=0.01)
 
 
 @pytest.mark.parametrize("apart", [2.4, 0.3])

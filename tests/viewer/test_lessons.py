@@ -276,8 +276,7 @@ def set_unusual_values(viewer):
 def opened(page_of):
     """A page that shows `tiny` solved by descent, stopped at step 5 of 9, with unusual settings."""
     page, turn_until = page_of
-    scene = edited(load_scene(SMALL), {"solver.name": "descent"})
-    page.open(OpenRequest(scene, start_seed=3))
+    page.open(OpenRequest(edited(load_scene(SMALL), {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
     session = page.viewer.binding.session
     set_unusual_values(page.viewer)
