@@ -56,8 +56,7 @@ np.empty(2_000_000)
 def blocks(modes: int, numbers: int) -> list[slice]:
     """Return slices of about equal length that cover all modes; the largest array of a mode has `numbers` elements."""
     count = -(-modes // max(1, int(BLOCK // numbers)))
-    edges = [round(i * modes / count) for i in range(count + 1)]
-    return [slice(a, b) for a, b in itertools.pairwise(edges)]
+    return [slice(a, b) for a, b in itertools.pairwise([round(i * modes / count) for i in range(count + 1)])]
 
 
 def over_blocks(rule: Callable[[slice], Result], modes: int, numbers: int) -> Iterator[list[Result]]:

@@ -121,8 +121,7 @@ def volume_of(
     count, first = len(parts), 0
     vertices, faces, places = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2))]
     for row, (points, triangles, normals) in enumerate(parts):
-        shade = 0.5 + 0.5 * normals @ light
-        column = (0.5 + shade * (SHADES - 1)) / SHADES  # the middle of a texel
+        column = (0.5 + (0.5 + 0.5 * normals @ light) * (SHADES - 1)) / SHADES  # the middle of a texel
         vertices.append(points)
         faces.append(triangles + first)
         places.append(np.column_stack([column, np.full(len(points), (row + 0.5) / count)]))

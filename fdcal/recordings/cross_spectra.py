@@ -217,8 +217,7 @@ def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np
             C[m] += np.outer(row, row.conj())
         moment += np.sum((1j * slope * X.conj()).real, axis=1)
         total += np.sum(np.abs(X) ** 2, axis=1)
-    shift = moment / (2 * np.pi * np.maximum(total, 1e-300)) * fs
-    return C / len(starts), number * fs / length + shift
+    return C / len(starts), number * fs / length + moment / (2 * np.pi * np.maximum(total, 1e-300)) * fs
 
 
 def _bare_spectra(recording: Recording, length: int, starts, first: int, last: int) -> Iterator[np.ndarray]:

@@ -110,7 +110,7 @@ def found_flat(measurement: Measurement) -> bool:
     unknown = measurement.positions is None and not len(measurement.known)
     if windows is None or not unknown or measurement.array_dimension != 3 or MAX_FLAT < N <= MAX_COUNT[3]:
         return False
-    windows = windows.of_microphones(np.linspace(0, N - 1, min(N, TESTED)).round().astype(int))
+    windows = windows.of_microphones(np.linspace(0, N - 1, min(N, TESTED)).astype(int))
     from ..solvers.robust.windows import is_flat  # imported here: it loads the solver, which most takes do not need
 
     return is_flat(windows, measurement.sound_speed)

@@ -299,5 +299,4 @@ def _images(
         sphere = 2 * np.pi if D == 2 else 4 * np.pi
         evidence += float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(DISTANCE_RATIO))))
         images.append((float(evidence), sigma, (moved - centre) @ turn + target))
-    turned_only = np.linalg.det(rigid_motion(x[constrained], ordered[right])[0]) > 0
-    return images if turned_only else images[::-1]
+    return images if np.linalg.det(rigid_motion(x[constrained], ordered[right])[0]) > 0 else images[::-1]

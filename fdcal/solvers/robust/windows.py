@@ -45,7 +45,8 @@ MAX_DIAMETER = 0.2
 # Ratio of the covariance of the result to that of the fit. The power by direction (`ShortField.spectrum`) has few
 # parameters, and its misfit is the same in all windows, so that more windows do not reduce its effect. Without this
 # factor the median error of simulated and measured arrays is 2.2 times the claimed sigma. In a plane array the misfit
-# acts as a stretch and a shear of the whole array, which more than FEW microphones do not reduce.
+# acts as a stretch and a shear of the whole array, which more than FEW microphones do not reduce. This enlarges the
+# claim alone (`enlarging`) and not the weight beside the long rows, whose model has the same misfit.
 COVARIANCE_INFLATION, FEW = 4.0, 8
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
@@ -276,10 +277,13 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
     inverse = np.linalg.pinv(likelihood.terms(field, free).fisher, rcond=1e-10, hermitian=True)
     motions = np.linalg.qr(rigid_motions(field.positions[:, axes]))[0]
     fixed = np.eye(len(at)) - motions @ motions.T
-    if len(axes) == 2:
-        maps = fixed @ np.kron(field.positions[:, axes], np.eye(2))
-        fixed += (max(1.0, np.sqrt(len(field.positions) / FEW)) - 1) * maps @ np.linalg.pinv(maps, rcond=1e-9)
     return COVARIANCE_INFLATION * (fixed @ inverse[np.ix_(at, at)] @ fixed)
+
+
+def enlarging(positions: Reals) -> np.ndarray:
+    """Return the matrix (2 N, 2 N) that enlarges the size and shear in moves of a plane array at positions (N, 2)."""
+    maps = np.kron(positions - positions.mean(axis=0), np.eye(2))
+    return np.eye(len(maps)) + (max(1.0, np.sqrt(len(positions) / FEW)) - 1) * maps @ np.linalg.pinv(maps)
 
 
 def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
