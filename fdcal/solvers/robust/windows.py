@@ -282,7 +282,7 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
 
 def enlarging(positions: Reals) -> np.ndarray:
     """Return the matrix (2 N, 2 N) that enlarges the size and shear in moves of a plane array at positions (N, 2)."""
-    maps = np.kron(positions - positions.mean(axis=0), np.eye(2))
+    maps = np.asarray(np.kron(positions - positions.mean(axis=0), np.eye(2)), float)
     return np.eye(len(maps)) + (max(1.0, np.sqrt(len(positions) / FEW)) - 1) * maps @ np.linalg.pinv(maps)
 
 
