@@ -227,7 +227,7 @@ def test_more_microphones_do_not_make_the_size_and_shear_of_a_plane_array_more_c
     recording = recording_of("room", "stationary", RATE, room(np.pad(x, ((0, 0), (0, 1))), 3.0))
     measurement = measurement_of_takes([recording], ImportOptions(kind="stationary", array_dimension=2))[0]
     before = fdcal.calibrate(measurement)
-    monkeypatch.setattr(windows, "FEW", 2)  # as if eight were four times as many as the claim is right for
+    monkeypatch.setattr(windows, "STRETCH_COUNT", 2)  # as if eight were four times as many as the claim is right for
     wide, after = windows.enlarging(x), fdcal.calibrate(measurement)
     y = (x - x.mean(axis=0)) * [1, -1]
     np.testing.assert_allclose([wide @ y.ravel(), wide @ np.ones(16)], [2 * y.ravel(), np.ones(16)], atol=1e-9)

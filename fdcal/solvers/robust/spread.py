@@ -20,7 +20,7 @@ The traces are over the coordinates of healthy microphones. Where the model hold
 that is due to errors of the data. The other part of P is due to the priors, and the blocks hold no information on it.
 
 Where short windows are used (`windows`), the likelihood is tempered, and H is computed with the power of the field as
-it is.
+it is. The size and the shear of a plane array without given positions are then less certain (`windows.enlarging`).
 """
 
 from collections.abc import Iterator

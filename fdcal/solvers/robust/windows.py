@@ -45,9 +45,9 @@ MAX_DIAMETER = 0.2
 # Ratio of the covariance of the result to that of the fit. The power by direction (`ShortField.spectrum`) has few
 # parameters, and its misfit is the same in all windows, so that more windows do not reduce its effect. Without this
 # factor the median error of simulated and measured arrays is 2.2 times the claimed sigma. In a plane array the misfit
-# acts as a stretch and a shear of the whole array, which more than FEW microphones do not reduce. This enlarges the
-# claim alone (`enlarging`) and not the weight beside the long rows, whose model has the same misfit.
-COVARIANCE_INFLATION, FEW = 4.0, 8
+# acts as a stretch and a shear of the whole array, which more than STRETCH_COUNT microphones do not reduce. This
+# enlarges the claim alone (`enlarging`) and not the weight beside the long rows, whose model has the same misfit.
+COVARIANCE_INFLATION, STRETCH_COUNT = 4.0, 8
 # noise fraction of a channel, and its delay (times the sound speed), metres, above which its windows are not used
 MAX_NOISE, MAX_DELAY = 0.1, 0.02
 STAGES = (11.0, 27.5)  # rad/m, largest wavenumbers of the first stages: 600 and 1500 Hz in air
@@ -281,9 +281,12 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
 
 
 def enlarging(positions: Reals) -> np.ndarray:
-    """Return the matrix (2 N, 2 N) that enlarges the size and shear in moves of a plane array at positions (N, 2)."""
+    """Return the symmetric matrix S (2 N, 2 N) for the claim S C S of a plane array at positions (N, 2), metres.
+
+    It enlarges size and shear, and has no effect on other moves.
+    """
     maps = np.asarray(np.kron(positions - positions.mean(axis=0), np.eye(2)), float)
-    return np.eye(len(maps)) + (max(1.0, np.sqrt(len(positions) / FEW)) - 1) * maps @ np.linalg.pinv(maps)
+    return np.eye(len(maps)) + (max(1.0, np.sqrt(len(positions) / STRETCH_COUNT)) - 1) * maps @ np.linalg.pinv(maps)
 
 
 def _low(likelihood: ShortLikelihood, top: float) -> ShortLikelihood:
