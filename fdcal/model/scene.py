@@ -454,7 +454,12 @@ class MeasuredScene(Scene):
 def placeholder_scene(
     measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0, *, title="", file="", remark=""
 ) -> MeasuredScene:
-    """Return a scene for a measurement that has none; unless given, `title` is the name followed by "as measured"."""
+    """Return a scene for a measurement that has none; unless given, `title` is the name followed by "as measured".
+
+    A measurement that is called like a scene of fdcal is named "NAME (measured)".
+    """
+    title = title or f"{name}, as measured"
+    name += " (measured)" if not file and name in scene_names() else ""
     D, d, placed = measurement.dimension, measurement.array_dimension, measurement.positions
     if D == 3 and d == 2:
         array = Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
@@ -463,7 +468,7 @@ def placeholder_scene(
         array = Array("positions", positions=tuple(map(tuple, placed.tolist())))
     return MeasuredScene(
         name=name,
-        title=title or f"{name}, as measured",
+        title=title,
         room=Room(size=(9.0, 8.0, 7.0)[:D], sound_speed=measurement.sound_speed),
         source=Source(position=(0.1,) * D),
         array=array,

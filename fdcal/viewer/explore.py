@@ -106,8 +106,8 @@ class OwnFiles:
         if delivered.open is not None:
             delivered.open.close()
         name = re.sub(r"[^\w .()+-]", "_", re.split(r"[/\\]", message.filename)[-1])[-MAX_NAME:].lstrip(". ") or "file"
-        place = delivered.folder / message.source_component_uuid
-        place.mkdir(exist_ok=True)
+        place = delivered.folder / str(len(delivered.files))  # a folder for each file, because names may be equal
+        place.mkdir()
         delivered.files.append((message.source_component_uuid, place / name))
         delivered.open = (place / name).open("wb")
 

@@ -273,7 +273,7 @@ def test_a_measurement_has_no_simulation_settings(server, work):
 
 def test_what_was_opened_from_a_file_stays_among_the_scenes(page_of, scene, measurement):
     page, turn_until = page_of
-    overlay, own = page.panels.overlay, placeholder_scene(measurement, "mine", scene.solver, 0)
+    overlay, own = page.panels.overlay, placeholder_scene(measurement, "tiny", scene.solver, 0)
     for request in (OpenRequest(own, measurement=measurement, fewer_modes=True), OpenRequest(scene)):
         page.open(request)
         turn_until(lambda request=request: page.viewer and page.viewer.run.scene.name == request.scene.name)

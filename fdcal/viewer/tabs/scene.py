@@ -35,8 +35,6 @@ class SceneTab(Tab):
     def __init__(self, binding: Binding):
         self._binding, self._scene, gui = binding, binding.run.scene, binding.gui
         scene, self._own_name = self._scene, self._scene.name
-        if isinstance(scene, MeasuredScene) and not scene.file and scene.name in scene_names():
-            self._own_name = f"{scene.name} (measured)"  # distinguishes it from the scene of the same name
         names = tuple(dict.fromkeys((*scene_names(), self._own_name)))
         self.name = binding.dropdown("Scene", names, self._own_name, self.choose, hint="Opens the scene")
         if isinstance(scene, MeasuredScene):
