@@ -117,8 +117,7 @@ def _best_lag(h, at: float, template, window, before: int, after: int, pad: int)
     if len(lags) < 3:
         return at, 0.0
     cuts = np.array([_cut(h, at + lag, before, after) for lag in lags])
-    size = np.linalg.norm(cuts * window, axis=1)
-    values = np.abs(cuts @ template) / np.maximum(size, np.finfo(float).tiny)
+    values = np.abs(cuts @ template) / np.maximum(np.linalg.norm(cuts * window, axis=1), np.finfo(float).tiny)
     best = int(np.clip(np.argmax(values), 1, len(lags) - 2))
     left, middle, right = values[best - 1 : best + 2]
     curvature = left - 2 * middle + right

@@ -59,7 +59,8 @@ def resolved(problem: Problem, state: State) -> State:
     model = replace(moved.model, places=places, contradicted=wrong, known_sigma=best.sigma)
     assumed = replace(moved, stage_start=moved.positions, model=model)
     mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0
-    as_before = same_given(state, assumed) and best.sigma < INACCURATE * GIVEN_SIGMA and not mirrored
+    accurate = best.sigma < INACCURATE * objectives.first_known_sigma(problem, state.settings)
+    as_before = accurate and same_given(state, assumed) and not mirrored
     return state if as_before else assumed
 
 
