@@ -309,7 +309,7 @@ class Explore:
             how = f"aria-pressed='{str(pressed).lower()}'" + ("" if pressed else f" title='{NEW_RUN}'")
             if name not in viewer.tabs.solver.name.options:
                 why = "not for this array" if fixes_gauge(viewer.run.problem.known_positions) else NEEDED
-                text, how = f"{text.partition(' (')[0]} ({why})", "aria-pressed='false' disabled"
+                text, how = f"{text.partition(' (')[0]}<i> ({why})</i>", f"aria-pressed='false' disabled title='{why}'"
             methods += f"<button data-do='method={name}' {how}>{text}</button>"
         again = "<button data-do='step=Restart'>Restart</button>" if view.count > 1 else ""
         end = "<button data-do='lecture'>End lecture mode</button>" if lecture else ""

@@ -87,7 +87,7 @@ CAPTION, LECTURE_CAPTION = 350, 486  # width of a caption, pixels, and in lectur
 WIDE = 900  # least width, pixels, of a canvas that has a caption at its right
 # Least width, pixels, and ratio of width to height of a canvas whose legend is beside the map; as in page.js.
 BROAD, BROAD_RATIO = 1000, 1.4
-BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 188, 290, 44), (400, 240, 200, 56)
+BROAD_MARGINS, BROAD_LECTURE_MARGINS = (290, 196, 290, 44), (400, 240, 200, 56)
 EXPERT_MARGINS, BROAD_EXPERT_MARGINS = (76, 174, 34, 66), (290, 76, 290, 66)  # beside the panels, without a bar
 PHONE_WIDTH = 440  # largest width of the canvas of a phone, pixels
 PHONE_PANEL, PHONE_CAPTION = 0.56, 0.53  # fraction of the height of its canvas that a panel or a caption covers

@@ -319,10 +319,10 @@ def test_the_bar_says_that_a_method_restarts_and_why_a_method_is_not_possible(ti
     bar, run = page.panels.overlay._regions["bar"], page.viewer.run
     turn_until(lambda: bar.content.count(f"title='{NEW_RUN}'") == 1)
     page.viewer.tabs.solver.name.options = ("robust",)
-    turn_until(lambda: "One at a time (not for this array)" in bar.content)
+    turn_until(lambda: "One at a time<i> (not for this array)</i>" in bar.content)
     blind = dataclasses.replace(run.problem, known=[], known_positions=run.problem.known_positions[:0])
     page.viewer.run = dataclasses.replace(run, problem=blind)
-    turn_until(lambda: f"One at a time ({NEEDED})" in bar.content)
+    turn_until(lambda: f"One at a time<i> ({NEEDED})</i>" in bar.content)
 
 
 def test_a_run_that_tries_another_start_says_so_and_shows_the_best_error(controls):
