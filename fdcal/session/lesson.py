@@ -15,7 +15,6 @@ from typing import Annotated, Literal
 
 from .. import solvers
 from ..model.address import SOLVER, Map, Unit, View, parse_address
-from ..model.arrays import positions_of
 from ..model.problem import Problem
 from ..model.quantities import Seed
 from ..model.scene import Scene, folder_of, load_scene
@@ -24,6 +23,7 @@ from ..model.storage import parse_text, read_bytes
 from ..model.validation import InputError, StorageError, build, naming, parse_modes, shown, within
 from ..solvers.interface import RunState
 from .scene_edits import edited
+from .sources import check_scene
 
 Scale = Literal["log", "linear"]
 Quantity = Literal["eq7", "objective"]
@@ -243,7 +243,7 @@ Fault = tuple[object, str, str, str]  # whether the fault exists; its key, what 
 
 def check(lesson: Lesson) -> None:
     """Raise InputError if a page could not show a lesson."""
-    none = not lesson.steps or lesson.steps[0].page.scene is None
+    none = not lesson.steps or not lesson.steps[0].page.scene
     remedy = 'name the scene with which the lesson begins, such as "tiny"'
     _refuse("steps[1].", [(none, "page.scene", "is missing", remedy)])
     scene = None
@@ -265,11 +265,12 @@ def check(lesson: Lesson) -> None:
             if setting.begins:
                 try:
                     start = lesson.start(number, part == "then")
+                    assert start is not None  # the first step names a scene
+                    check_scene(start[0])
                 except (InputError, StorageError) as error:
                     remedy = error.remedy if isinstance(error, InputError) else "name a scene that can be read"
                     problem = error.problem if isinstance(error, InputError) else error
                     raise InputError(f"{key}scene or {key}changes: {problem}", remedy, key=f"{key}scene") from error
-                assert start is not None  # the first step names a scene
                 scene = start[0]
             assert scene is not None
             _check_setting(key, setting, scene)
@@ -298,10 +299,10 @@ def _check_setting(prefix: str, setting: LessonSetting, scene: Scene) -> None:
             modes = parse_modes(text, MAX_MODE)
         gaps = name == "modes" and modes != tuple(range(modes[0], modes[-1] + 1))
         _refuse(prefix, [(gaps, "modes", f'= "{text}" has gaps', "give one range, such as 1-20")])
-    positions, run = positions_of(scene), setting.run
-    count, named = len(positions), {"microphone": () if setting.microphone is None else (setting.microphone,)}
+    count, run = scene.array.number, setting.run
+    named = {"microphone": () if setting.microphone is None else (setting.microphone,)}
     _refuse(prefix, [
-        (setting.map == "volume" and positions.shape[1] != 3, "map", '= "volume" needs an array in space',
+        (setting.map == "volume" and scene.array.dimension != 3, "map", '= "volume" needs an array in space',
          "name a scene whose array is in space, such as ball3d, or another map"),
         (run not in (None, "end") and not RUN.fullmatch(run or ""), "run", f'= "{run}" is unknown',
          'write "end", or for example "3 sweeps", "1 step" or "2 stages"'),

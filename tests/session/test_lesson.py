@@ -61,6 +61,8 @@ def test_a_step_changes_the_last_scene_named(written, edited):
     edited({"title": '"Other"'}, "beside")
     beside = load_lesson(written('scene = "tiny"', 'scene = "beside.toml"'))
     assert beside.start(0)[0].title == "Other", "a scene beside the lesson is found"
+    measured = load_lesson(written('"tiny"\nchanges = { "solver.name" = "descent" }', '"frl_array"'))
+    assert measured.start(0)[0].name == "frl_array", "a scene that is a measurement needs no room"
     unchanged = load_lesson(written())
     assert unchanged.start(0) == unchanged.start(0, revealed=True) == unchanged.start(1)
 
@@ -77,6 +79,7 @@ def test_a_step_changes_the_last_scene_named(written, edited):
         ('choices = ["one", "two"]', 'choices = ["one"]', "steps[1].choices has 1 entries"),
         ('reveal = "Two."', "", "steps[1].reveal"),
         ('scene = "tiny"', "", "steps[1].page.scene is missing; name the scene"),
+        ('scene = "tiny"', 'scene = ""', "steps[1].page.scene is missing; name the scene"),
         ('scene = "tiny"', 'scene = "huge"', 'scene "huge" is unknown'),
         ('scene = "tiny"', 'scene = "none.toml"', "cannot read scene"),
         ('"solver.name" = "descent"', '"solver.nme" = "descent"', "solver.nme is not a key of a scene"),
@@ -85,11 +88,7 @@ def test_a_step_changes_the_last_scene_named(written, edited):
         ('modes = "1-5"', 'map = "hilly"', 'steps[1].page.map = "hilly" is unknown; use one of flat, relief'),
         ('modes = "1-5"', 'map = "volume"', 'steps[1].page.map = "volume" needs an array in space; name a scene'),
         ('modes = "1-5"', 'view = "up"', 'steps[1].page.view = "up" is unknown'),
-        (
-            "microphone = 3",
-            "microphone = 16",
-            "steps[1].page.microphone = 16 does not exist; tiny has microphones 0 to 15",
-        ),
+        ("microphone = 3", "microphone = 16", "page.microphone = 16 does not exist; tiny has microphones 0 to 15"),
         ("microphone = 3", "marks = [3, 16]", "steps[1].page.marks = 16 does not exist; tiny has microphones 0 to 15"),
         ('modes = "1-5"', 'frame = "step=1&stage=2"', 'steps[1].page.frame: the address has "stage=2"'),
         ('run = "2 sweeps"', 'run = "end"\nframe = "step=3"', "steps[1].then.frame and run are both given"),
@@ -109,10 +108,7 @@ def test_an_error_in_a_lesson_is_reported_in_one_line(written, old, new, words):
         ("stage=2", LessonSetting()),
         ("sweep=0&map=none&trails=on", LessonSetting(map="none", trails=True)),
         ("microphone=7&modes=2-5&view=close", LessonSetting(microphone=7, follow=False, map_modes="2-5", view="close")),
-        (
-            "microphone=none&modes=solver&view=-30,40.5&zoom=2,0,0&theme=dark",
-            LessonSetting(map_modes="solver", view="3d"),
-        ),
+        ("microphone=none&modes=solver&view=-30,40.5&theme=dark", LessonSetting(map_modes="solver", view="3d")),
         ("view=1,2,30,1,2,0,0,1,0,0.02", LessonSetting()),
     ],
 )
