@@ -209,20 +209,20 @@ def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
 
 
 def _title(scene: Scene, parameters: SceneParameters, before: SceneParameters, count: int) -> str:
-    """Return the name of the scene and what differs from its file."""
-    words = {
-        "microphones": f"{count} microphones",
-        "radius": f"radius {parameters.radius:.3g} m",
-        "walls": f"{parameters.walls} walls",
-        "absorption": f"absorption {100 * parameters.absorption:.3g} %",
-        "snr_db": "no noise" if parameters.snr_db == math.inf else f"SNR {parameters.snr_db:g} dB",
-        "sound_speed_error": f"sound speed {100 * parameters.sound_speed_error:+.3g} %",
-        "known": f"{parameters.known} known",
-        "seed": f"seed {parameters.seed}",
-    }
-    old, new = asdict(before), asdict(parameters)
-    changed = [text for key, text in words.items() if old[key] != new[key]]
-    if parameters.walls != "absorbing" and words["absorption"] in changed:
-        changed.remove(words["absorption"])
-    name = scene.title if ", changed: " in scene.title else f"{scene.name}, changed: "
-    return name + ("" if name.endswith(": ") else ", ") + ", ".join(changed)
+    """Return the name of the scene and the parameters that have been changed, now or before."""
+    old, new = (
+        (
+            f"{one.microphones} microphones",
+            f"radius {one.radius:.4g} m",
+            f"{one.walls} walls",
+            f"absorption {100 * one.absorption:.3g} %" if one.walls == "absorbing" else "",
+            "no noise" if one.snr_db == math.inf else f"SNR {one.snr_db:g} dB",
+            f"sound speed {100 * one.sound_speed_error:+.3g} %",
+            f"{one.known} known",
+            f"seed {one.seed}",
+        )
+        for one in (before, replace(parameters, microphones=count))
+    )
+    earlier = scene.title.partition(", changed: ")[2].split(", ")
+    changed = [text for text, was in zip(new, old, strict=True) if text and (text != was or text in earlier)]
+    return f"{scene.name}, changed: {', '.join(changed)}" if changed else scene.title

@@ -87,7 +87,9 @@ def test_absorption_is_what_the_walls_do_not_reflect():
     beta = changed.room.admittance
     assert 1 - ((1 - beta) / (1 + beta)) ** 2 == pytest.approx(0.36)
     assert parameters_of(changed).absorption == pytest.approx(0.36)
-    assert with_parameters(changed, dataclasses.replace(parameters_of(changed), walls="rigid")).room.admittance == 0
+    assert changed.title == "tiny, changed: absorbing walls, absorption 36 %"
+    rigid = with_parameters(changed, dataclasses.replace(parameters_of(changed), walls="rigid"))
+    assert (rigid.room.admittance, rigid.title) == (0, "tiny, changed: rigid walls"), "the last change counts"
     measured = load_scene("listening_lab")
     parameters = parameters_of(measured)
     assert (parameters.walls, parameters.absorption, parameters.known) == ("unknown", 0.0, 0)
