@@ -50,8 +50,8 @@ class DoctorRules:
     # Frequency, Hz, below which even few microphones sample the sound field of any room. With 100 or 200 Hz instead of
     # 150 Hz the errors differ by 3.5 dB at most.
     low_frequency: float = 150.0
-    # Least number of frequencies below `low_frequency`. Levels scatter by up to 6 dB, so a mean of six is known to 2.5
-    # dB.
+    # Least number of frequencies below `low_frequency`, and of the lowest ones by which the field is judged. Levels
+    # scatter by up to 6 dB, so a mean of six is known to 2.5 dB.
     fewest: int = 6
     arrivals: float = 3e-3  # metres, median misfit up to which arrival times fit; those that fit have 0.05 to 0.9 mm
     # Least number of frequencies at which the channels of a stationary recording are coherent. There are 122 or more at
@@ -100,7 +100,7 @@ def examine(
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
             yield Answer("wrapped", "fine", "no sound rises again before the end")
-        inputs = measurement_input(measurement, texts[0])
+        inputs = replace(measurement_input(measurement, texts[0]), excluded=tuple(report.left_out))
     else:
         inputs, stationary = load_input(texts, progress), False
     if positions is not None:

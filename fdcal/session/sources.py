@@ -33,7 +33,7 @@ class CalibrationInput:
     """A measurement and how to calibrate it."""
 
     name: str  # name of the scene or the file
-    scene: Scene | None  # None if the measurement was read from a file, as that of a measured scene is
+    scene: Scene | None  # None if the measurement was read from a file, also if a measured scene names this file
     measurement: Measurement  # without the `excluded` microphones
     settings: SolverSettings
     seed: int
@@ -80,6 +80,7 @@ def load_input(
 
         measurement, report = importer.import_recording(texts, options or ImportOptions(), progress)
         measurement, radius = _without(measurement, excluded), report.radius
+        excluded = (*excluded, *report.left_out)
     elif any(recorded):
         other = texts[recorded.index(False)]
         raise InputError(f"{other} holds no recordings, but other files do", "give files of one kind", key="source")
@@ -112,13 +113,12 @@ def measurement_input(
     return CalibrationInput(name, None, measurement, settings, 0, excluded)
 
 
-def compared_with_file(inputs: CalibrationInput, path: str, left_out: tuple[str, ...] = ()) -> CalibrationInput:
+def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     """Return `inputs` whose results are compared with the positions in a table or geometry.
 
-    `left_out` are channels that the import has left out; the file may have positions of them.
+    The file may also have positions of the microphones in `inputs.excluded`.
     """
-    placed, name = read_positions(path), Path(path).name
-    missing = len({*inputs.excluded, *left_out})
+    placed, name, missing = read_positions(path), Path(path).name, len(set(inputs.excluded))
     measurement = with_positions(inputs.measurement, placed, missing)
     labels, remark = list_labels(measurement.names, placed.names, missing)
     differ = np.ptp(placed.positions[:, 2])
@@ -172,7 +172,7 @@ def with_settings(
 ) -> CalibrationInput:
     """Return `inputs` with another solver, number of modes, seed, or fields of `SolverSettings`; None changes nothing.
 
-    Raises InputError if the solver does not use a field that is given.
+    Raises InputError if an option of `fdcal calibrate` is given that has no effect on the solver.
     """
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)

@@ -12,7 +12,7 @@ machine can reach it.
 import re
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from html import escape
 from pathlib import Path
@@ -156,7 +156,7 @@ class OwnFiles:
         paths, lists = ([path for role, path in files if role == wanted] for wanted in (RECORDING, LIST))
         if not paths:
             raise InputError("no recording was chosen", "choose a file")
-        first, report, left_out = paths[0], "", ()
+        first, report = paths[0], ""
         if first.suffix.lower() == ".zip":
             if len(files) > 1:
                 raise InputError(f"{first.name} is a session, and other files were given, too", "choose it alone")
@@ -167,10 +167,10 @@ class OwnFiles:
         else:
             options = ImportOptions(leave_out="bad", kind=kind, temperature=temperature)
             measurement, found = import_recording(paths, options)
-            inputs, left_out = sources.measurement_input(measurement, first.stem), tuple(found.left_out)
+            inputs = replace(sources.measurement_input(measurement, first.stem), excluded=tuple(found.left_out))
             report = import_summary(measurement, found, html.CONTROLS)
         if lists:
-            inputs = sources.compared_with_file(inputs, str(lists[0]), left_out)
+            inputs = sources.compared_with_file(inputs, str(lists[0]))
         self._show(sources.measurement_request(inputs))
         return report
 

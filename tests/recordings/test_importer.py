@@ -24,9 +24,9 @@ from fdcal.recordings.cross_spectra import DecimationSettings, decimate, station
 from fdcal.recordings.importer import import_recording, import_summary
 from fdcal.recordings.impulse_response import deconvolve, estimate_decay, impulse_response_pressures
 from fdcal.recordings.recording import ImportOptions, Recording, read_samples, recording_of
-from fdcal.session import doctor  # noqa: F401  an import during a test would keep the replaced `solve`
+from fdcal.session import doctor  # an import during a test would keep the replaced `solve`
 from fdcal.session.calibration_run import solve
-from fdcal.session.sources import load_input
+from fdcal.session.sources import compared_with_file, load_input
 
 pytestmark = pytest.mark.usefixtures("remembered_runs")
 
@@ -306,7 +306,7 @@ def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
     assert "unknown; radius of the array: unknown; array_radius sets it" in import_summary(measurement, report)
 
 
-def test_bad_channels_are_left_out_when_asked(tmp_path):
+def test_bad_channels_are_left_out_when_asked(tmp_path, monkeypatch):
     samples = noisy(responses(), 40)
     samples[3] = 0
     samples[8] = samples[2]
@@ -316,6 +316,12 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     assert report.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
     assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, report)
+    # A list of all channels, with names of its own, belongs to the channels that are left.
+    path, table = str(tmp_path / "a.npz"), write_places(tmp_path / "list.csv", places(), [f"M{n}" for n in range(24)])
+    seen = [compared_with_file(load_input(path, options=ImportOptions(leave_out="bad")), str(table))]
+    monkeypatch.setattr(doctor, "_of_field", lambda inputs, *_: seen.append(inputs) or ())
+    assert [one.question for one in doctor.examine(path, str(table))] == ["samples", "synchronous", "wrapped"]
+    assert all(np.array_equal(one.measurement.positions, np.delete(places(), (3, 8), axis=0)) for one in seen)
     np.savez(tmp_path / "all.npz", recordings=0 * samples, sample_rate=FS, kind="impulse")
     refuses(r"channel 5 is silent, and 18 more; record again$", import_recording, tmp_path / "all.npz")
 

@@ -40,10 +40,9 @@ def test_a_list_that_does_not_fit_is_described(tiny, tmp_path, capsys, change, c
     assert out.count("fault") == (code > 0)
 
 
-@pytest.mark.parametrize(
-    ("found", "sized"),
-    [((1.05, 0.005), True), ((0.885, 0.007), False), ((1.029, 0.005), False), ((1.0, np.inf), False)],
-)
+@pytest.mark.parametrize(("found", "sized"), [
+    ((1.05, 0.005), True), ((0.885, 0.007), False), ((1.029, 0.005), False), ((1.0, np.inf), False),
+])  # fmt: skip
 def test_a_size_counts_only_where_the_array_found_without_the_list_shows_it_too(tiny, monkeypatch, found, sized):
     """The list is 4 % too large; a search that begins with its shape may end elsewhere."""
     inputs = replace(measurement_input(tiny, "tiny"), measurement=replace(tiny, positions=1.04 * tiny.positions))
