@@ -54,7 +54,7 @@ def load(
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated or recordings are imported.
     **options
-        For recordings only: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="corners"`,
+        For recordings only: fields of `fdcal.recordings.recording.ImportOptions`, such as `known="0,3,12"`,
         `temperature=21.5`, `frequencies="30:300"`, `split=10.0` (s) or `files="channels"`.
 
     Returns
@@ -90,14 +90,15 @@ def load(
         require_arguments("load", options, (field.name for field in fields(ImportOptions)))
         imported = ImportOptions(**options)
     with one_blas_thread():
-        measurement = load_input(texts, progress, excluded, imported).measurement
+        inputs = load_input(texts, progress, excluded, imported)
     if positions is None:
-        return measurement
+        return inputs.measurement
     if isinstance(positions, (str, PathLike)):
-        return with_positions(measurement, read_positions(positions), len(set(excluded)))
-    given = require_array("positions", positions, "real", (None, None), "m")
-    listed = MicrophonePositions(tuple(map(str, range(len(given)))), given)
-    return with_positions(measurement, listed, len(set(excluded)))
+        listed = read_positions(positions)
+    else:
+        given = require_array("positions", positions, "real", (None, None), "m")
+        listed = MicrophonePositions(tuple(map(str, range(len(given)))), given)
+    return with_positions(inputs.measurement, listed, len(set(inputs.excluded)))
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:
@@ -209,8 +210,8 @@ def calibrate(
     require_type("progress", progress or print, Callable, "give a function")
     own = {*inspect.signature(calibrate).parameters} - {"others"}
     require_arguments("calibrate", others, own | {field.name for field in fields(SolverSettings)})
-    gauge = known if isinstance(known, str) else None
-    if known is not None and gauge is None:
+    gauge = known if known is None or isinstance(known, str) else "all"  # all that are named, whatever `settings` say
+    if gauge is not known:
         measurement = with_known(measurement, known if isinstance(known, Mapping) else microphone_names("known", known))
     inputs = measurement_input(measurement, excluded=microphone_names("exclude", exclude), settings=settings)
     others |= {"known": gauge, "noise": None if noise is None else str(noise)}
@@ -269,7 +270,8 @@ def landscape(
     require_type("measurement", measurement, Measurement, LOAD_FIRST)
     settings = SolverSettings() if settings is None else settings
     require_type("settings", settings, SolverSettings, OF_SCENE)
-    entries = _entries("modes", modes, "modes", "write <modes> = [1, 5, 9]")
+    if not (entries := _entries("modes", modes, "modes", remedy := "write <modes> = [1, 5, 9]")):
+        raise InputError("modes names no frequency", remedy, key="modes")
     used = convert(entries, list[Annotated[int, within(1, len(measurement.frequencies))]], "modes")
     n = microphone_index(str(microphone), measurement.names, "microphone")
     from ..cost.maps import landscape_panels
@@ -278,9 +280,8 @@ def landscape(
         require_type("calibration", calibration, Calibration, "give what fdcal.calibrate returns")
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
-        raise InputError(
-            "the measurement holds no true positions", "give a result of fdcal.calibrate", key="calibration"
-        )
+        remedy = "give a result of fdcal.calibrate"
+        raise InputError("the measurement holds no true positions", remedy, key="calibration")
     with one_blas_thread():
         return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)
 
