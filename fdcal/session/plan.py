@@ -13,8 +13,8 @@ arrival times tau_n, where the position y of the source and b are unknown:
 
     r_n = c tau_n - |x_n - y| - b      residual at microphone n, metres; b is c times the time of emission
 
-For small arrays in space it adds the short windows of the recording. They count as `ForecastRules.windows` independent
-windows, whatever the length of the recording, because a room has few waves.
+For a small array in a field of three dimensions it adds the short windows of the recording. They count as
+`ForecastRules.windows` independent windows, whatever the length of the recording, because a room has few waves.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
 positions of the source, and the information of a Gaussian field decreases with its noise.
@@ -23,7 +23,7 @@ positions of the source, and the information of a Gaussian field decreases with 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy.spatial.distance import pdist
@@ -95,18 +95,15 @@ def read_layout(text: str, seed: int = 0) -> Layout:
 
 
 def _of_words(words: list[str], text: str, seed: int) -> np.ndarray:
-    refused = InputError(f'"{text}" is not a geometry', f"write it as {EXAMPLES}", key="layout")
-    if words[0] not in FORMS or len(words) != 3:
-        raise refused
     try:
-        counts = tuple(map(int, words[1].lower().split("x")))
-        lengths = tuple(map(float, words[2].lower().split("x")))
-    except ValueError:
-        raise refused from None
-    kind, plane = words[0], words[0] in FORMS[:2]
-    sizes = {"rectangle": {"shape": counts, "size": lengths}, "box": {"count": counts[0], "size": lengths}}
-    size = sizes.get(kind, {"count": counts[0], "radius": lengths[0]})
-    return geometry(Array(kind, center=(0.0,) * (2 if plane else 3), **size), np.random.default_rng(seed))
+        kind, number, length = words
+        counts, lengths = tuple(map(int, number.lower().split("x"))), tuple(map(float, length.lower().split("x")))
+        center = (0.0,) * (2 if FORMS.index(kind) < 2 else 3)
+        size: dict[str, Any] = {"shape": counts} if kind == "rectangle" else dict(zip(["count"], counts, strict=True))
+        size |= {"size": lengths} if kind in ("rectangle", "box") else dict(zip(["radius"], lengths, strict=True))
+    except ValueError:  # also for more or fewer words or numbers than the geometry has
+        raise InputError(f'"{text}" is not a geometry', f"write it as {EXAMPLES}", key="layout") from None
+    return geometry(Array(kind, center=center, **size), np.random.default_rng(seed))
 
 
 ONE_PLACE = 1e-6  # fraction of the array's extent; microphones that are closer count as one
@@ -150,8 +147,8 @@ class PlanRequest:
     reverberation_time: Seconds = 0.5
     # signal-to-noise ratio of each frequency
     snr_db: Annotated[float, within(0.1, PLAN_LIMITS.max_snr_db, "dB")] = 30.0
-    # (2,) tuple of float, Hz; the default is 20 Hz to 0.7 times what the array can interpolate (Eq. 9). No frequency
-    # above what the array can interpolate is used
+    # (2,) tuple of float, Hz; the default is 20 Hz, or f_max / 10 (Eq. 9) if that is lower, to 0.7 f_max. No frequency
+    # above f_max is used
     band: tuple[float, float] | None = None
     known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
     # one sigma of each of their coordinates; 0 for exact ones
@@ -317,7 +314,7 @@ class Plan:
 
 
 def make_plan(request: PlanRequest) -> Plan:
-    """Return the bound of a request, the expected error, and the expected errors with more takes or less noise."""
+    """Return the bound of a request, the expected error, and those with other numbers of takes or less noise."""
     rules, x, takes = FORECAST, request.layout.positions, tuple(sorted({*FORECAST.takes, request.takes}))
     best = max(rules.max_snr_db, request.snr_db)
     ratios = tuple(sorted({min(request.snr_db + more, best) for more in rules.more_db}))
@@ -400,26 +397,26 @@ def _arrival_information(request: PlanRequest, takes: Sequence[int]) -> dict[int
             if source is None:
                 why = f"has no point that is {PLAN_LIMITS.clearance:g} m from the array"
                 raise refusal("room", request.room, why, "give a larger <room>", "m")
-            matrix[np.ix_(on, on)] += arrival_matrix(x, source, D)
+            matrix[np.ix_(on, on)] += arrival_matrix(x, source)
             if count in found:
                 found[count].append(matrix.copy())
     return found
 
 
-def arrival_matrix(positions: np.ndarray, source: np.ndarray, D: int) -> np.ndarray:
+def arrival_matrix(positions: np.ndarray, source: np.ndarray) -> np.ndarray:
     """Return the information of the arrival times of one take : (N D + 1, N D + 1) float64.
 
-    It is the information on the first D coordinates of the microphones and on the logarithm of the sound speed.
-    `positions` (N, 2 or 3), metres, are those of the microphones, and `source` is the position of the source. The
-    solver does not know this position and the time of emission: both are projected out of the residuals.
+    It is the information on the coordinates of the microphones and on the logarithm of the sound speed. `positions`
+    (N, D), metres, are those of the microphones, and `source` (D,) is the position of the source. The solver does not
+    know this position and the time of emission: both are projected out of the residuals.
     """
-    (N, size), rules, away = positions.shape, FORECAST, positions - source
+    (N, D), rules, away = positions.shape, FORECAST, positions - source
     path = np.linalg.norm(away, axis=1)
     along, each = away / path[:, None], np.arange(N)[:, None]
     slopes = np.zeros((N, N * D + 1))  # derivatives of -r
-    slopes[each, D * each + np.arange(D)] = along[:, :D]
+    slopes[each, D * each + np.arange(D)] = along
     slopes[:, -1] = np.median(path) - path
-    basis = np.linalg.svd(np.column_stack([along, np.ones(N)]), full_matrices=False)[0][:, : size + 1]
+    basis = np.linalg.svd(np.column_stack([along, np.ones(N)]), full_matrices=False)[0]
     slopes -= basis @ (basis.T @ slopes)
     return (rules.freedom + 1) / (rules.freedom * rules.arrival_sigma_m**2) * slopes.T @ slopes
 
@@ -448,7 +445,7 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
             f" that are not {line} determine these, too{side if D < request.dimension else ''}"
         )
     if bound.scale_sigma > FORECAST.blurred:
-        found.append(f"the size is known only to {100 * bound.scale_sigma:.2g} %: give another distance or position")
+        found.append(f"the size is known only to {100 * bound.scale_sigma:.2g} %: give a distance or another position")
     return tuple(found)
 
 
