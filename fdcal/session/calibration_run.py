@@ -253,7 +253,7 @@ def with_estimated_domain(
 
     The solver of the run makes the estimate, so that the estimate has the same axes as the run. If that solver needs a
     search domain itself, the default solver makes the estimate. Without known microphones the estimate is moved onto
-    the true positions, if there are any.
+    the true positions, if there are any. If the estimate fails, the measurement is returned as it is.
     """
     if measurement.search is not None:
         return measurement

@@ -34,7 +34,7 @@ from ..solvers.interface import RunState, bounded
 P = ParamSpec("P")
 
 COST_TIME = 0.25  # time that costs may take while the solver runs, as a fraction of the time of the steps
-MAX_FILLED = 300  # number of states, evenly spaced over a run, whose cost is computed when the solver is paused
+FILLED = 300  # when the solver is paused, the costs of 300 to 600 states of a longer run are computed, otherwise of all
 
 
 @dataclass(eq=False)
@@ -72,10 +72,10 @@ class StateCosts:
         return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def missing(self, states: Sequence[RunState]) -> list[RunState]:
-        """Return the states whose cost is to be computed when the solver is paused, the last first."""
+        """Return the states, evenly spaced, whose cost is to be computed when the solver is paused, the last first."""
         if self._reference_cost is None:
             return []
-        return [state for state in states[::-1][:: max(1, len(states) // MAX_FILLED)] if not self.knows(state)]
+        return [state for state in states[::-1][:: max(1, len(states) // FILLED)] if not self.knows(state)]
 
 
 MAX_STATES = 4000  # largest number of states kept of a run, about 6 kB each; above it, every second state is dropped
@@ -107,7 +107,7 @@ class SessionView:
     history: tuple = field(compare=False)  # states, oldest first
     running: bool = False  # whether steps are being taken
     error: str = ""  # text of the last exception of the solver, "" if there is none
-    # the same object as long as the history only grows; a reset, or continuing from an earlier state, makes a new one
+    # the same object as long as steps follow each other; any other change of the history makes a new one
     lineage: object = field(default_factory=object, compare=False)
     costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
     refused: InputError | None = None  # why the last command was refused, which changed nothing
@@ -130,8 +130,9 @@ log = logging.getLogger(__name__)
 class SolverRun:
     """The states of a run and the commands that change them; only one thread may call its methods.
 
-    The parameters are those of `Session`. `view` is frozen, so that any thread may read it; `on_change` is called after
-    a new one has replaced it. `pause_between_steps` is the minimum time between two steps, s.
+    The parameters are those of `Session`, and `costs` keeps the costs of the states. `view` is frozen, so that any
+    thread may read it; `on_change` is called after a new one has replaced it. `pause_between_steps` is the minimum time
+    between two steps, s.
     """
 
     def __init__(
@@ -324,7 +325,7 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """Processor time of a step, s: the minimum of the last three, because one may include compilation."""
+        """Processor time of a step, s: the minimum of the last three, as one may include compilation; 0 at first."""
         return min(self._run.spent.copy())
 
     def yield_to_ui(self) -> None:
