@@ -142,7 +142,8 @@ class PlanRequest:
     """An array, and the circumstances of its calibration."""
 
     layout: Layout
-    # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
+    # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field, which is in
+    # space unless the layout is that of a scene in a plane
     room: tuple[Metres, ...] | None = None
     reverberation_time: Seconds = 0.5
     # signal-to-noise ratio of each frequency
@@ -200,7 +201,7 @@ class PlanRequest:
     @property
     def dimension(self) -> int:
         """Dimension of the sound field, 2 or 3."""
-        return 3 if self.room is None else len(self.room)
+        return len(self.room or ()) or (3 if self.layout.scene is None else self.layout.scene.room.dimension)
 
     @property
     def is_plane_in_room(self) -> bool:

@@ -123,7 +123,7 @@ def test_a_plane_array_is_planned_in_its_plane_however_it_is_turned(tmp_path, ti
 
 @pytest.mark.parametrize(("text", "others", "counted"), [
     ("circle 8 0.1", {"room": (5.0, 4.0, 2.6)}, True), ("ball 32 0.3", {}, True), ("ball 16 1.3", {}, False),
-    ("ball 33 0.3", {}, False), ("circle 8 0.1", {"room": (5.0, 4.0)}, False),
+    ("ball 33 0.3", {}, False), ("circle 8 0.1", {"room": (5.0, 4.0)}, False), ("lshape", {}, False),
 ])  # fmt: skip
 def test_short_windows_lower_the_error_of_small_arrays_in_space(text, others, counted):
     plan = planning.make_plan(request_of(text, **others))
