@@ -253,8 +253,12 @@ def matlab_arrays(path: str | Path) -> dict[str, np.ndarray]:
         if isinstance(value, dict):
             for key, inner in value.items():
                 yield from flat(f"{name}.{key}", inner)
-        elif not name.startswith(".__") and np.asarray(value).dtype.kind in "fiucUS":
-            yield name[1:], np.asarray(value)
+        elif not name.startswith(".__"):
+            array = np.asarray(value)
+            if array.size and all(isinstance(one, str) for one in array.flat):  # a cell array of texts
+                array = array.astype(str)
+            if array.dtype.kind in "fiucUS":
+                yield name[1:], array
 
     with damaged(f"{path} is not a readable file of MATLAB", "save it again"), open(path, "rb") as file:
         return dict(flat("", loadmat(file, simplify_cells=True)))

@@ -376,16 +376,16 @@ def channels(tmp_path):
     folder, samples = tmp_path / "hall", noisy(responses(12), 60.0)
     folder.mkdir()
     for n, row in enumerate(samples, 1):
-        soundfile.write(folder / f"mic_{n}.wav", row / np.abs(samples).max(), FS, subtype="FLOAT")
+        soundfile.write(folder / f"²{n}.wav", row / np.abs(samples).max(), FS, subtype="FLOAT")  # "²" is no number
     (folder / "notes.txt").write_text("on a table")
     known = np.column_stack([places(12)[:4, :2], np.full(4, 1.2)])
-    return folder, str(write_places(tmp_path / "known.csv", known, [f"mic_{n}" for n in range(1, 5)]))
+    return folder, str(write_places(tmp_path / "known.csv", known, [f"²{n}" for n in range(1, 5)]))
 
 
 def test_a_folder_of_files_of_one_channel_is_one_take_in_natural_order(channels):
     folder, known = channels
     measurement, report = import_recording(folder, ImportOptions(known=known))
-    assert measurement.names == tuple(f"mic_{n}" for n in range(1, 13)) and measurement.take_count == 1
+    assert measurement.names == tuple(f"²{n}" for n in range(1, 13)) and measurement.take_count == 1
     assert measurement.array_dimension == 3, "the heights of the others are not known"
     assert "in space; if all microphones stand at z = 1.2 m" in import_summary(measurement, report)
     measurement, report = import_recording(folder, ImportOptions(known=known, array_dimension=2))

@@ -60,11 +60,11 @@ TABLES = {
     "other words": "Mikrofon;X-Achse;Koordinate Y;posZ;Ort\n1;0.25;0.5;1;links\n2;0.75;-0.125;-1.5;rechts\n",
     "no header": "1,0.25,0.5,1\n2,0.75,-0.125,-1.5\n",
     "height": "id,x,y,comment,height (m)\n1,0.25,0.5,left,1\n2,0.75,-0.125,,-1.5\n",
-    "millimetres": "label,X (mm),Y (mm),Z (mm)\n1,250,500,1000\n2,750,-125,-1500\n",
+    "millimetres": "# spacing in cm\nlabel,X (mm),Y (mm),Z (mm)\n1,250,500,1000\n2,750,-125,-1500\n",
     "centimetres": "channel,x_cm,y_cm,z_cm\n1,25,50,100\n2,75,-12.5,-150\n",
     "line of units": "name,x,y,z\n-,[mm],[mm],[mm]\n1,250,500,1000\n2,750,-125,-1500\n",
     "column of units": "name,x,y,z,unit\n1,250,500,1000,mm\n2,750,-125,-1500,mm\n",
-    "unit in a comment": "% all in mm\n1 250 500 1000\n2 750 -125 -1500\n",
+    "unit in a comment": "% (units in mm)\n1 250 500 1000\n2 750 -125 -1500\n",
     "unit by size": "name,x,y,z\n1,250,500,1000\n2,750,-125,-1500\n",
     "LOCATA": "second\tx\tmic1_x\tmic1_y\tmic1_z\tmic2_x\tmic2_y\tmic2_z\n0\t9\t0.25\t0.5\t1\t0.75\t-0.125\t-1.5\n",
     "list.json": "[[0.25, 0.5, 1], [0.75, -0.125, -1.5], [0, 0, 0], [0, 0, 0]]",
@@ -103,12 +103,12 @@ def test_a_table_of_an_old_spreadsheet_has_letters_of_windows(tmp_path):
 
 @pytest.mark.parametrize(
     ("head", "scale"),
-    [("azimuth,elevation,r", 1), ("az (rad),colatitude (rad),radius (m)", 1), ("az (deg),el (deg),r (cm)", 100)],
+    [("azimuth,elevation,r", 1), ("az (rad),colatitude (rad),radius (m)", 1), ("az (deg),el (rad),r (cm)", 100)],
 )
 def test_spherical_coordinates_are_read(tmp_path, head, scale):
     angles = np.array([[90.0, 30.0], [180.0, -45.0]])
     if "rad)" in head:
-        angles = np.radians([0, 90] - angles * [-1, 1])
+        angles = np.radians([0, 90] - angles * [-1, 1]) if "colat" in head else angles * [1, np.pi / 180]
     rows = [f"m{n},{a},{e},{scale * (n + 1)}\n" for n, (a, e) in enumerate(angles.tolist())]
     _, places = read_places(written(tmp_path, f"mic,{head}\n{''.join(rows)}", "s.csv"))
     np.testing.assert_allclose(places, [[0, 0.75**0.5, 0.5], [-(2**0.5), 0, -(2**0.5)]], atol=1e-12)
@@ -172,9 +172,10 @@ def geometry(old: str, new: str) -> str:
         ("t.csv", "mic,theta,phi,r\na,1,0,1\n", "name,azimuth"),
         ("t.txt", "t\tmic1_x\tmic1_y\tmic2_x\tmic2_y\n0\t1\t2\t3\t4\n1\t1\t2\t3\t5\n", "change from line to line"),
         ("t.csv", "mic,x left,x right,y\na,1,0,1\n", "several columns are called x"),
-        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "either axis of shape"),
+        ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3]]", "which axis of shape"),
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
         ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
+        ("t.json", '{"x": [1, 2], "y": [1]}', "no list of positions"),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "not a readable array"),

@@ -71,7 +71,7 @@ def sound_files(path: str | Path) -> list[Path]:
     files = (one for one in path.iterdir() if not one.name.startswith(".") and one.is_file())
     found = [one for one in files if one.suffix.lower() in sound]
     # Sort by the stem, so that Audacity's "Audio Track" precedes "Audio Track-2".
-    return sorted(found, key=lambda one: [int(part) if part.isdigit() else part for part in NUMBERS.split(one.stem)])
+    return sorted(found, key=lambda one: [int(x) if n % 2 else x for n, x in enumerate(NUMBERS.split(one.stem))])
 
 
 def read(path: str | Path, source: int | None = None, rate: float | None = None) -> Recording:

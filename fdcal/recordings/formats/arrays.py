@@ -2,7 +2,8 @@
 
 The samples are the array called `recordings` (N, T), or `time_data` (T, N) as in Acoular; or else the only array of
 real numbers with a long axis for time and at most one other axis, for channels. The file may also hold `kind`, `names`,
-`positions`, `sound_speed`, and the sampling rate under one of the names in RATES, as a number, an attribute or a text.
+`positions`, `sound_speed`, and the sampling rate under one of the names in RATES, as a number or a text, or as an
+attribute.
 If the file has no rate, that of `fdcal.recordings.recording.ImportOptions` is used.
 
 .npz, .npy       of NumPy; an .npz file with `pressures` is a measurement (`fdcal.model.measurement`)
@@ -37,7 +38,7 @@ TIMES = ("t", "time", "times", "zeit")
 PLACES = "positions micpositions microphonepositions microphonepositionsm micpos posmic receiverpositions".split()
 ORDERS = {"recordings": (0, 1), "timedata": (1, 0)}  # axes of channels and samples in an array of similar lengths
 LONGER = 2  # the axis of time is at least this many times as long as the other one
-UNEVEN = 0.01  # largest deviation of rounded times from evenly spaced times, in steps
+UNEVEN = 0.01  # largest deviation of times from evenly spaced ones, in steps, besides the rounding of the times
 MAX_LISTED = 6  # largest number of arrays that a message lists
 OTHERS = {"kind": ("text", ()), "names": ("text", (None,)), "sound_speed": ("real", ())}
 DIRECTIONS = {"azi_rad", "ele_rad"}  # arrays of a measured room: `fdcal.acoustics.plane_waves`
@@ -69,7 +70,7 @@ def _rate(arrays: Arrays) -> float | None:
             continue
         single = np.ravel(value[()])[0] if value.shape in ((), (1,), (1, 1)) else f"an array {value.shape}"
         text = single.decode(errors="replace") if isinstance(single, bytes) else str(single)
-        number = re.fullmatch(r"\s*([\d.]+(?:e\+?\d+)?)\s*(k?hz)?\s*", text, re.IGNORECASE)
+        number = re.fullmatch(r"\s*(\d+\.?\d*(?:e\+?\d+)?)\s*(k?hz)?\s*", text, re.IGNORECASE)
         if number is None:
             raise InputError(f'"{shown(name)}" is {shown(text, 80)}', "give one number in Hz", key="rate")
         rates[name] = float(number[1]) * (1000 if "khz" in (unit, (number[2] or "").lower()) else 1)
@@ -140,7 +141,7 @@ def recording_in(
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
         values = np.empty((len(chosen), stop - start))
         with open_array() as data:
-            for first, last in ranges(stop - start, max(1, RANGE_SAMPLES // count)):
+            for first, last in ranges(stop - start, RANGE_SAMPLES // count):
                 index: list[Any] = [0] * dimensions
                 index[time] = slice(start + first, start + last)
                 if channel is not None:
@@ -163,7 +164,7 @@ def recording_in(
 
 
 def _read_arrays(path: Path, source: int | None = None, rate: float | None = None) -> Recording:
-    """Return the recording in a file of NumPy or MATLAB; its arrays are read into memory, or memory-mapped (.npy)."""
+    """Return the recording in a file of NumPy or MATLAB; only those of .npy or MATLAB 7.3 stay on disk."""
     suffix = path.suffix.lower()
     if suffix == ".npz" and "pressures" in keys_of(path):
         raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
@@ -211,7 +212,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
     if len(names) == len(arrays["recordings"]) == len(set(names)):
         arrays["names"] = np.array(names)
     if hertz is not None:
-        scale = 1000 if head and re.search(r"\bms\b", head[0].lower()) else 1
+        scale = 1000 if head and re.search(r"(\b|_)ms\b", head[0].lower()) else 1
         arrays["sample_rate"] = np.array(round(hertz * scale, 6))
     return recording_in(path, arrays, rate)
 
@@ -272,8 +273,9 @@ def _read_hdf5(path: Path, source: int | None = None, rate: float | None = None)
         arrays = dict[str, Any]()
 
         def note(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.attrs.get("MATLAB_class") not in (b"char", b"cell"):
-                arrays[name] = item
+            if getattr(item, "shape", None) is not None and item.attrs.get("MATLAB_class") not in (b"char", b"cell"):
+                text = h5py.check_string_dtype(item.dtype)
+                arrays[name] = np.asarray(item.asstr(errors="replace")[()], str) if text else item
             arrays.update({f"{name}.{key}": np.asarray(value) for key, value in item.attrs.items()})
 
         note("", file)

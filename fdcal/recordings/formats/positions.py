@@ -1,7 +1,7 @@
 """Files of microphone positions: what their columns mean, and the formats that are read and written.
 
 Read: text tables, Excel sheets, geometry files of Acoular, HARK, TASCAR and ODAS, JSON, NumPy arrays and SOFA. An
-ambiguous file raises an InputError that says how to write it. No column of numbers is ignored silently.
+ambiguous file, or a table with numbers of unknown meaning, raises an InputError that says how to write it.
 
 Written:
 .csv     name,x,y,z,uncertainty, metres, one line per microphone
@@ -59,8 +59,8 @@ UNITS = {
     **dict.fromkeys(("in", "inch", "inches"), 1 / 0.0254),
     **dict.fromkeys(("ft", "foot", "feet"), 1 / 0.3048),
 }
-# finds the unit that a comment in a file states
-IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*({'|'.join(UNITS)})\b", re.IGNORECASE)
+# finds the unit that a comment in a file states; the word "in" before another word is not the unit
+IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*(?!in\s+\w)({'|'.join(UNITS)})\b", re.IGNORECASE)
 
 log = logging.getLogger(__name__)
 
@@ -133,7 +133,7 @@ def _text(content: bytes) -> str:
 
 
 def _read_table(content: bytes) -> Placed:
-    """Return the positions in a table; the delimiter is the one that yields the most numbers."""
+    """Return the positions in a table; a delimiter that yields a header comes first, then that of most numbers."""
     text = _text(content)
     separator = re.match(r'"?sep=(.)"?\r?\n', text)  # Excel may write such a first line
     found = list[tuple[bool, int, Rows]]()
@@ -234,7 +234,7 @@ def _lists_of_places(key: str, value: Any, parent: dict[str, Any]) -> Iterator[t
     """Yield the lists in a JSON value that may be the positions: key, value, and the object that contains it."""
     inner = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else []
     columns = [list(one.values()) if isinstance(one, dict) else one for one in inner]  # pandas: columns are objects
-    of_columns = bool(columns) and all(isinstance(one, list) and one for one in columns)
+    of_columns = all(isinstance(one, list) and one for one in columns) and len(set(map(len, columns))) == 1
     if isinstance(value, dict) and of_columns and is_header(list(value)):
         yield key, [dict(zip(value, row, strict=True)) for row in zip(*columns, strict=True)], parent
     elif inner and (all(map(_is_place, inner)) or (isinstance(value, list) and len(inner) in (2, 3) and of_columns)):
@@ -257,7 +257,7 @@ def _is_place(value: Any, inside: bool = True) -> bool:
 
 
 def _of_records(records: list[dict[str, str]], unit: float | None = None, unique: bool = True) -> Placed:
-    """Return the positions in records, one for each microphone; only coordinates and the first name are used."""
+    """Return the positions in records, one for each microphone, from the keys with a meaning and the first name."""
     keys = list(dict.fromkeys(key for one in records for key in one if meaning(key)[0]))
     names = [key for key in keys if meaning(key)[0] == "name"]
     keys = [key for key in keys if key not in names[1:]]
@@ -270,7 +270,8 @@ def _of_array(values: Any, unit: float | None = None) -> Placed:
     array = np.asarray(values)
     axes = [axis for axis, length in enumerate(array.shape) if length in (2, 3)]
     if array.ndim != 2 or array.dtype.kind not in "fiu" or len(axes) != 1:
-        raise _question(f"either axis of shape {array.shape} may be the microphones", "write a table: name,x,y,z")
+        problem = f"it is not clear which axis of shape {array.shape} ({array.dtype}) has the coordinates"
+        raise _question(problem, "write a table: name,x,y,z")
     rows = (array if axes == [1] else array.T).tolist()
     return _of_records([dict(zip("xyz", map(repr, row), strict=False)) for row in rows], unit)
 
@@ -311,7 +312,8 @@ def _of_sheet(rows: Rows) -> Placed:
     if {len(row) for row in data.values()} == {len(head) + 1} and "name" not in [meaning(one)[0] for one in head]:
         head = ["", *head]  # R writes no header over its index
     names, places, remark = _of_rows(head, data, unit=unit)
-    return names, places, remark or said
+    own = any(meaning(cell)[1] or meaning(cell)[0] == "unit" for cell in head)
+    return names, places, remark or ("" if own else said)
 
 
 def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
@@ -404,12 +406,11 @@ def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], uniqu
 def _cartesian(places: np.ndarray, head: list[str], polar: bool) -> np.ndarray:
     """Return x, y, z (N, 3) of azimuth, elevation (or, if `polar`, the angle from the z axis) and radius."""
     angles, radius = places[:, :2], places[:, 2]
-    words = " ".join(head[:2]).lower()
-    if "rad" not in words:
-        if "deg" not in words and "°" not in words and np.abs(angles).max() <= 2 * np.pi:
-            problem = f'the angles "{head[0]}" and "{head[1]}" may be degrees or radians'
-            raise _question(problem, f'write "{head[0]} (deg)" or "{head[0]} (rad)"')
-        angles = np.radians(angles)
+    rad, deg = (np.array([re.search(unit, cell.lower()) is not None for cell in head[:2]]) for unit in ("rad", "deg|°"))
+    if not (rad | deg).any() and np.abs(angles).max() <= 2 * np.pi:
+        problem = f'the angles "{head[0]}" and "{head[1]}" may be degrees or radians'
+        raise _question(problem, f'write "{head[0]} (deg)" or "{head[0]} (rad)"')
+    angles = np.where(rad | (rad.any() & ~deg), angles, np.radians(angles))  # one unit may stand for both angles
     return from_spherical(angles[:, 0], np.pi / 2 - angles[:, 1] if polar else angles[:, 1], radius)
 
 

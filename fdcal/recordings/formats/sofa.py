@@ -5,7 +5,7 @@ measurements with R receivers each, and N samples, which begin Data.Delay later.
 functions at N evenly spaced frequencies, which are converted into impulse responses. A measurement has the position of
 the listener; a receiver has a position relative to the listener and turns with it. Each pair of a measurement and a
 receiver that recorded the same source is a microphone; sources are numbered in the order of the file. Positions are
-written as receivers, in the order of the microphones, without their names.
+written as receivers, in the order of the microphones or of their names if these are numbers, without the names.
 """
 
 import contextlib
@@ -32,7 +32,7 @@ MAX_DELAY = 10_000_000  # samples, largest delay of a response that is accepted
 
 @contextlib.contextmanager
 def open_sofa(path: Path):
-    """Yield the open file with its `variables`; any error becomes an InputError that names the file."""
+    """Yield the open file with its `variables`; an error in the file becomes an InputError that names it."""
     sofar = needs("sofar")
     require_whole_file(path)
     with naming(path), damaged(f"{path} is not a readable SOFA file"), warnings.catch_warnings():

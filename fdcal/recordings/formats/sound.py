@@ -20,9 +20,9 @@ from ...model.validation import InputError
 from ..recording import RANGE_SAMPLES, Recording, ranges
 from . import Format
 
-# What libsndfile logs about a chunk that is longer than the file, in WAV, AIFF, AU, W64 and RF64.
+# What libsndfile logs about a chunk that is longer than the file, in WAV, AIFF, AU and W64.
 LENGTH = re.compile(r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE)
-LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # the same for RF64
+LENGTH_64 = re.compile(r"^\s*Data size : (\d+)$", re.MULTILINE)  # the length in RF64, to which it adds no other
 # Lengths that programs write when they do not know the length: sox, ALSA, ffmpeg, 64-bit formats.
 UNKNOWN = (range(0x7FFFF000, 0x80000001), range(0xFFFFF000, 0x100000000), range(2**62, 2**64))
 READ_ON = "the length in its header is not that of the file, which is read to its end"
@@ -157,9 +157,6 @@ def _read_sound(path: Path, source: int | None = None, rate: float | None = None
         return values
 
     return Recording(str(path), None, float(hertz), channels, samples, block, full_scale=1.0 if whole else None)
-
-
-SUFFIXES = (".wav", ".w64", ".rf64", ".aiff", ".caf", ".au")  # endings of files that can hold 32-bit floats
 
 
 def require_whole_rate(rate: float) -> None:
