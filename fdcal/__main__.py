@@ -35,10 +35,7 @@ def _require_address_space() -> None:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
         have, need = limit // 2**20, MIN_ADDRESS_SPACE // 2**20
-        print(
-            f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it", file=sys.stderr
-        )
-        sys.exit(1)
+        sys.exit(f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it")
 
 
 def _interrupted(number: int, frame: FrameType | None) -> None:

@@ -60,7 +60,7 @@ class PrintableOutput:
         return getattr(self._stream, name)
 
 
-def _described(error: BaseException) -> tuple[str, int]:
+def _described(error: BaseException, given: list[str]) -> tuple[str, int]:
     """Return the message for an exception, and the exit code."""
     if isinstance(error, ImportError):
         error = missing_library(error) or error
@@ -69,12 +69,21 @@ def _described(error: BaseException) -> tuple[str, int]:
     if isinstance(error, click.ClickException):
         return error.format_message(), 2
     if isinstance(error, InputError):
-        return error.worded(opt.OPTIONS), 2
+        return error.worded(opt.OPTIONS) + _elsewhere(error, given), 2
     if isinstance(error, MemoryError):
         return NO_MEMORY, 1
     if isinstance(error, OSError):
         return str(error), 3
     return f"{REPORT} --debug ({type(error).__name__}: {error})", 1
+
+
+def _elsewhere(error: InputError, given: list[str]) -> str:
+    """Return a remark on an option in the remedy that the command in the arguments `given` does not have; or ""."""
+    named = {text.split()[0] for key, text in opt.OPTIONS.items() if f"<{key}>" in error.remedy}
+    options = {name: {flag for one in found.params for flag in one.opts} for name, found in commands.commands.items()}
+    missing = named - options.get(next((one for one in given if one in options), ""), named)
+    owner = next((name for name in options if missing and missing <= options[name]), "")
+    return f" (an option of fdcal {owner})" if owner else ""
 
 
 def main(args: list[str] | None = None) -> None:
@@ -98,7 +107,7 @@ def main(args: list[str] | None = None) -> None:
         if debug:
             with contextlib.suppress(OSError):
                 traceback.print_exc()
-        message, code = _described(error)
+        message, code = _described(error, given)
         line = " ".join(message.split())
         line = line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
         with contextlib.suppress(OSError, ValueError):  # standard error may be closed
@@ -248,7 +257,7 @@ def calibrate(
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
-        from ..session.doctor import list_fit  # imported here: it loads the readers of recordings
+        from ..session.doctor import list_fit  # imported here: it loads SciPy's filters
 
         with opt.progress_bar("comparing") as progress:
             fit = list_fit(inputs, result, compared, progress) if compared.fits else None  # else no row is judged
@@ -263,8 +272,7 @@ def calibrate(
 @opt.option("--room LxWxH", "Rectangular room.  [default: the scene's, or a diffuse field]", type=opt.room_size)
 @opt.option("--rt60 S", "reverberation_time", "Reverberation time, s.", type=float, default=0.5)
 @opt.option("--snr DB", "snr_db", "Signal-to-noise ratio of each frequency.", type=float, default=30.0)
-@opt.option("--frequencies LO:HI", "band", "Band, Hz.  [default: 20 to 0.7 of the highest that the array interpolates]",
-            type=opt.band)  # fmt: skip
+@opt.option("--frequencies LO:HI", "band", "Band, Hz.  [default: 20 to 0.7 f_max of Eq. 9]", type=opt.band)
 @opt.option("--known NAME,...", "Microphones whose positions are given.", type=opt.microphone_names, default=())
 @opt.option("--known-sigma LENGTH", "Standard deviation of each given coordinate.", type=opt.length, default="0mm")
 @opt.option("--gain-sigma DB", "gain_sigma_db", "Spread of the channels' gains.", type=opt.decibels, default="0dB")

@@ -29,7 +29,7 @@ from . import report
 def import_(sources, output, force, **recorded):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a sound file, a SOFA file, a folder of such files, a folder of the MeshRIR data set, or a file with arrays
+    INPUT is a sound file, a folder of sound files, a SOFA file, a folder of the MeshRIR data set, or a file with arrays
     of samples: .npz, .npy, .mat, .h5, .csv.
 
     Several files are several takes of the same channels, each with the source at another place. Files with one channel
@@ -103,9 +103,7 @@ INTERRUPTED = 130  # exit code
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
 @opt.option("--replay FILE", "Recording to use instead of a sound card; give one for each take.", multiple=True)
 @opt.option("--positions FILE", "List of all positions, by which swapped channels are found.")
-@opt.option("--known NAMES|FILE", "Known microphones, as for `fdcal import`.")
-@opt.option("--temperature C", "Air temperature, degrees Celsius.", type=float)
-@opt.option("--array-dimension", "2 if the array is plane, else 3.  [default: detected]", type=click.IntRange(2, 3))
+@opt.declared_options(ImportOptions, ("known", "temperature", "array_dimension"))
 @opt.option("--result RESULT.json", "File to which the result is written after each take.")
 @opt.force_option
 def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,

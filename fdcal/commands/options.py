@@ -87,7 +87,6 @@ def _separated(
     return found
 
 
-numbers = ValueOf(lambda value: _separated(value, ",", float), "is not a list of numbers; write, for example, 1,5,9")
 microphone_names = ValueOf(_names, "is not a list of microphones; separate them by commas, for example 3,17")
 distance = ValueOf(_distance, "must be two microphones and metres, for example 0,5,1.25")
 room_size = ValueOf(
@@ -140,10 +139,9 @@ def output_path(text: str, suffix: str | Sequence[str], force: bool, *inputs: st
 
 # Names of the options for the arguments that the remedy of an error mentions (`InputError.worded`).
 NAMED_ALIKE = (
-    "array_dimension check device dimension takes exclude force frame frequencies host kind known "
-    "channels known_sigma leave_out max_rows microphone modes port positions reference "
-    "rate room seconds seed solver sound_speed source split subset table temperature windows "
-    "gains noise start sound_speed_sigma"
+    "array_dimension channels device exclude force frame frequencies gains kind known known_sigma leave_out microphone "
+    "modes noise port positions rate reference room seconds solver sound_speed sound_speed_sigma source split start "
+    "subset table temperature"
 )
 OPTIONS = {
     "array_radius": "--array-radius R",
@@ -154,8 +152,6 @@ OPTIONS = {
     "phase_sigma_deg": "--gain-sigma",
     "replay": "--replay FILE",
     "result": "--result RESULT.json",
-    "size": "--size WxH",
-    "snr": "--snr DB",
     "time_limit": "--time-limit SECONDS",
 }
 OPTIONS |= {key: f"--{key.replace('_', '-')}" for key in NAMED_ALIKE.split()}
@@ -286,10 +282,9 @@ def import_options(files: Sequence[str], recorded: Mapping[str, Any]) -> ImportO
         return None
     other = next((one for one in files if not sources.is_recording(one)), None)
     if other is not None:
-        key, remedy = next(iter(given)), ""
-        if key == "known":
-            remedy = f": use {', '.join(KNOWN)}, or import the file: fdcal import INPUT -o FILE.npz --known FILE.csv"
-        raise InputError(f"{other} holds no recordings", f"leave out <{key}>{remedy}", key=key)
+        key, imported = next(iter(given)), "give it to the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
+        remedy = f"use <known> {', '.join(KNOWN)}, or {imported}" if key == "known" else f"leave out <{key}>"
+        raise InputError(f"{other} holds no recordings", remedy, key=key)
     return ImportOptions(**given)
 
 

@@ -126,9 +126,9 @@ def replay(source, solver, modes, seed, microphone, output, force):
     with opt.progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title
-    source = replace(inputs.measurement, search=search_around(states[-1].positions, inputs.measurement.search))
-    measurement = source if inputs.scene is None else as_given(inputs.scene, source)
-    problem = source.problem(inputs.settings.weights, inputs.settings.known)
+    searched = replace(inputs.measurement, search=search_around(states[-1].positions, inputs.measurement.search))
+    measurement = searched if inputs.scene is None else as_given(inputs.scene, searched)
+    problem = searched.problem(inputs.settings.weights, inputs.settings.known)
     sought, cost = counted_microphones(inputs, states[-1]), reference_cost_of(problem)
     text = replay_html(inputs.scene, measurement, states, title, cost, sought, problem=problem, microphone=microphone)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
