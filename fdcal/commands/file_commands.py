@@ -91,9 +91,6 @@ def doctor(sources, positions, **recorded):
     return 5 if "list" in at_fault else 4 if at_fault or unjudged else 0
 
 
-INTERRUPTED = 130  # exit code
-
-
 @click.command()
 @click.argument("earlier", nargs=-1, metavar="[EARLIER...]")
 @opt.output_option("TAKE.wav|w64")
@@ -103,7 +100,8 @@ INTERRUPTED = 130  # exit code
 @opt.option("--device NAME|NUMBER", "Sound card: python -m sounddevice lists them.")
 @opt.option("--replay FILE", "Recording to use instead of a sound card; give one for each take.", multiple=True)
 @opt.option("--positions FILE", "List of all positions, by which swapped channels are found.")
-@opt.declared_options(ImportOptions, ("known", "temperature", "array_dimension"))
+@opt.option("--known FILE", "Known microphones: a table name,x,y[,z].")
+@opt.declared_options(ImportOptions, ("temperature", "array_dimension"))
 @opt.option("--result RESULT.json", "File to which the result is written after each take.")
 @opt.force_option
 def record(earlier, output, inputs, seconds, rate, device, replay, positions, known, temperature, array_dimension,
@@ -131,8 +129,8 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
         leave_out="bad", files="takes", known=known, temperature=temperature, array_dimension=array_dimension
     )
     # Files are checked before anything is recorded.
-    if positions is not None:
-        read_positions(positions)
+    for file in filter(None, (positions, known)):
+        read_positions(file)
     path = opt.output_path(output, SUFFIXES, force, *earlier, *replay)
     found_path = opt.output_path(result, ".json", force, *earlier, *replay, flag="--result") if result else None
     for file in earlier:
@@ -159,7 +157,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
             take = record_take(stream, path, seconds, watch, force)
         print(f"take {len(paths) + 1}  {take.text}", flush=True)
         if take.stopped:
-            return INTERRUPTED
+            return 130  # interrupted
         paths, written = [*paths, str(path)], written + 1
         code, following = _result(paths, positions, options, found_path), next_take(path)
         answer = "" if replay else _answer(path.name, following.name)

@@ -79,7 +79,7 @@ def read_places(path: str | PathLike[str]) -> tuple[list[str], np.ndarray]:
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in READERS:
-        raise _question(f'the suffix of "{path}" is unknown', f"give <positions> as {', '.join(sorted(READERS))}")
+        raise _question(f'the suffix of "{path}" is unknown', f"give a file {', '.join(sorted(READERS))}")
     if suffix == ".sofa":
         if not path.exists():
             raise StorageError(f"cannot read {path}: No such file or directory")

@@ -5,7 +5,7 @@ measurements with R receivers each, and N samples, which begin Data.Delay later.
 functions at N evenly spaced frequencies, which are converted into impulse responses. A measurement has the position of
 the listener; a receiver has a position relative to the listener and turns with it. Each pair of a measurement and a
 receiver that recorded the same source is a microphone; sources are numbered in the order of the file. Positions are
-written as receivers, in the order of the microphones or of their names if these are numbers, without the names.
+written as receivers, in the order of the microphones, without their names; names 0 to N - 1 determine the order.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ AXES = "MRNE"  # measurements, receivers, samples, emitters
 SAME_POSITION = 1e-6  # metres, distance up to which two source positions are the same
 WHOLE_DELAY = 1e-3  # samples, largest distance of a delay from a whole number
 EVEN = 0.01  # largest distance of a frequency from a multiple of the spacing, in spacings
-MAX_DELAY = 10_000_000  # samples, largest delay of a response that is accepted
+MAX_DELAY = 10_000_000  # largest delay of a response, samples, and largest number of a frequency, in spacings
 
 
 @contextlib.contextmanager
@@ -127,8 +127,8 @@ def responses(file) -> tuple[list[str], dict[str, int], tuple[str, ...]]:
     names = ["Data.Real", "Data.Imag"] if "Data.Real" in file.variables else ["Data.IR"]
     found = [file.variables.get(name) for name in names]
     if any(one is None or one.ndim not in (3, 4) or not all(one.shape) or one.shape != found[0].shape for one in found):
-        kind = getattr(file, "DataType", "unknown")
-        raise InputError(f'neither "Data.IR" nor "Data.Real" (DataType {kind})', "give responses or transfer functions")
+        held = f'neither "Data.IR" nor "Data.Real" of 3 or 4 axes (DataType {getattr(file, "DataType", "unknown")})'
+        raise InputError(f"it has {held}", "give responses or transfer functions")
     named = tuple(found[0].dimensions)
     if sorted(named) != sorted(AXES[: found[0].ndim]):  # other names: the order of the format is assumed
         named = tuple(AXES[: found[0].ndim])
