@@ -34,8 +34,7 @@ def _require_address_space() -> None:
         return
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < MIN_ADDRESS_SPACE:
-        have, need = limit // 2**20, MIN_ADDRESS_SPACE // 2**20
-        sys.exit(f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it")
+        sys.exit(f"error: fdcal needs {MIN_ADDRESS_SPACE >> 20} MB of address space; ulimit -v leaves {limit >> 20} MB")
 
 
 def _interrupted(number: int, frame: FrameType | None) -> None:

@@ -22,7 +22,7 @@ PAGE_COMMANDS = "fdcal study {study} -o {folder}\nfdcal study --report {folder} 
 @click.option("--resume", is_flag=True, help="Continue a study that was interrupted.")
 @click.option("--dry-run", is_flag=True, help="Print the number of calibrations and the expected time.")
 @click.option("--report", metavar="FOLDER", help="Draw the results of a study.")
-@click.option("--axes", metavar="Y,X", help="Axes of a report.  [default: X snr_db, Y another of numbers]")
+@click.option("--axes", metavar="Y,X", help="Axes of a report.  [default: Y an axis of numbers, X snr_db]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
 @click.option(
     "--page", metavar="FILE.md", help="With --report of a study of scenarios: write a page on its error bars."

@@ -73,7 +73,7 @@ def export(result, output, frame, table, force):
 def doctor(sources, positions, **recorded):
     """Check whether a recording, or a published data set, is what it claims to be.
 
-    FILE is a file that `fdcal calibrate` accepts. Each finding is one line. The findings are about channels that are
+    FILE is a recording, a measurement or a scene. Each finding is one line. The findings are about channels that are
     silent, clipped, copies of others or unlike the others; impulse responses that wrap round; clocks that differ;
     whether all channels recorded one sound field, and whether it was measured or simulated; and whether the list of
     positions fits.

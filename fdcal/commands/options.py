@@ -16,7 +16,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import click
 
-from ..model.scene import load_scene, scene_names
+from ..model.scene import MeasuredScene, load_scene, scene_names
 from ..model.settings import SolverSettings
 from ..model.validation import LIMITS, InputError, StorageError, declaration
 from ..recordings.recording import ImportOptions
@@ -292,7 +292,7 @@ def scene_of(text: str) -> sources.CalibrationInput:
     """Return the simulated measurement of a scene; raise InputError for a measurement."""
     inputs = None if text.lower().endswith(".npz") else input_of(text)
     if inputs is None or inputs.scene is None:
-        names = ", ".join(name for name in scene_names() if name != text)
+        names = ", ".join(name for name in scene_names() if not isinstance(load_scene(name), MeasuredScene))
         raise InputError(f"{text} is a measurement", f"give a scene: a .toml file or one of {names}", key="scene")
     return inputs
 

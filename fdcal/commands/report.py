@@ -19,7 +19,7 @@ HEADS = "array radius band run cost error list speed predict field channels give
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return a summary of a calibration, one line for each of HEADS that applies."""
+    """Return a summary of a calibration: for each of HEADS that applies a line, or a line and a table."""
     measurement, free = inputs.measurement, inputs.measurement.count - len(inputs.given)
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}

@@ -70,6 +70,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     (tmp_path / "few.json").write_text(json.dumps(result | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}))
     assert '"names" must be of shape (1,)' in refused(*drawing, "few.json")
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
+    assert "frl_array" not in refused("simulate", "old.npz", "-o", "new.npz"), "a measured scene cannot be simulated"
 
 
 # A command refuses a file of another kind: one line says what the file is and which command reads it.

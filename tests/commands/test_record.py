@@ -103,11 +103,8 @@ def test_silent_clipped_and_duplicated_channels_are_named_while_the_take_lasts(f
 
 
 def test_between_takes_the_user_chooses_another_one_or_the_same_again(folder, tmp_path, monkeypatch, capsys):
-    def card(*_):
-        return take.replayed(folder / "one.wav", 4)
-
-    answers, asked = iter(["r", "nonsense", "", "q"]), []
-    monkeypatch.setattr(take, "sound_card", card)
+    answers, asked, replayed = iter(["r", "nonsense", "", "q"]), [], take.replayed(folder / "one.wav", 4)
+    monkeypatch.setattr(take, "sound_card", lambda *_: replayed)
     monkeypatch.setattr(builtins, "input", lambda question: asked.append(question) or next(answers))
     assert exit_code("record", "-o", tmp_path / "take1.wav", "--seconds", 2) == 4
     assert sorted(path.name for path in tmp_path.iterdir()) == ["take1.wav", "take2.wav"]

@@ -176,6 +176,7 @@ def geometry(old: str, new: str) -> str:
         ("t.json", "[[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2]]", 'microphone 3: z = ""'),
         ("t.json", '{"a": [[1, 2, 3]], "b": [[1, 2, 3]]}', "2 lists that may be the positions: a, b"),
         ("t.json", '{"x": [1, 2], "y": [1]}', "no list of positions"),
+        ("t.json", '{"unit": "furlong", "mics": [[1, 2, 3]]}', 'the unit "furlong" is not known'),
         ("t.json", "[" * 100_000, "no valid JSON|not valid JSON"),
         ("t.cfg", "raw = {}", "no microphone"),
         ("t.npy", "abc", "not a readable array"),

@@ -122,10 +122,9 @@ def source_count(path: str | Path) -> int:
     return found.source_count(path) if found and found.source_count else 1
 
 
-def write(path: str | Path, placed: MicrophonePositions) -> None:
+def write(path: Path, placed: MicrophonePositions) -> None:
     """Write positions in the format that the suffix of the file selects."""
-    suffix = Path(path).suffix.lower()
-    next(one.write for one in all_formats() if one.write and suffix in one.suffixes)(Path(path), placed)
+    next(one.write for one in all_formats() if one.write and path.suffix.lower() in one.suffixes)(path, placed)
 
 
 MAX_HELD = 4_000_000  # samples of all channels, 32 MB as float64

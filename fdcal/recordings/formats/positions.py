@@ -213,7 +213,9 @@ def _read_object(content: bytes) -> Placed:
         remedy = 'write [{"name": "0", "x": 0.1, "y": 0, "z": 0}, ...], metres'
         raise _question(f"it holds {which}{names and ': ' + names}", remedy)
     _, entries, parent = found[0]
-    unit = UNITS.get(str(parent.get("unit", parent.get("units", ""))).lower())
+    stated = str(parent.get("unit") or parent.get("units") or "").lower()
+    if (unit := UNITS.get(stated)) is None and stated:
+        raise _question(f'the unit "{shown(stated)}" is not known', "write mm, cm or m")
     names = parent.get("names", parent.get("labels"))
     if isinstance(entries, dict):
         names, entries = list(entries), list(entries.values())
