@@ -78,8 +78,7 @@ def test_a_signal_ends_a_take_keeps_it_and_says_so(folder, tmp_path, monkeypatch
 
 def test_a_signal_that_is_ignored_does_not_end_a_take(folder, tmp_path, monkeypatch):
     replayed, before = take.replayed, signal.signal(signal.SIGHUP, signal.SIG_IGN)  # nohup starts a program like this
-    hung_up = lambda _: signal.raise_signal(signal.SIGHUP)  # noqa: E731
-    monkeypatch.setattr(take, "replayed", lambda path, channels: replayed(path, channels, hung_up))
+    monkeypatch.setattr(take, "replayed", lambda *given: replayed(*given, lambda _: signal.raise_signal(signal.SIGHUP)))
     try:
         exit_code("record", "-o", tmp_path / "take1.wav", "--replay", folder / "one.wav", "--seconds", 1)
     finally:

@@ -254,7 +254,7 @@ def of_channel(number: int, values):
         ("a.npy", lambda path: np.save(path, SAMPLES * 1j), "does not hold an array of real numbers"),
         ("a.npz", lambda path: np.savez(path, left=SAMPLES, right=SAMPLES, fs=8e3),
          'several arrays that may be the samples: "left" (5, 400), "right" (5, 400); call the samples'),
-        ("a.npz", lambda path: np.savez(path, x=SAMPLES[:, :9], fs=8e3), 'no array of real samples: "x" (5, 9)'),
+        ("a.npz", lambda path: np.savez(path, x=SAMPLES[:, :9], y=SAMPLES[:0], fs=8e3), 'no array of real samples'),
         ("a.mat", lambda path: savemat(path, {"x": SAMPLES[:, :20].repeat(3, 0), "fs": 8e3}), "which axis of"),
         ("a.mat", lambda path: savemat(path, {"x": SAMPLES, "fs": 8e3, "rate": 9e3}), "several sampling rates: fs"),
         ("a.mat", lambda path: savemat(path, {"p": SAMPLES[0], "azi_rad": SAMPLES[0], "ele_rad": SAMPLES[0]}),
@@ -292,7 +292,7 @@ def test_the_fault_of_a_file_is_named(name, write, words, tmp_path):
 def write_mat73(path: Path) -> None:
     """Write a file as MATLAB does: HDF5 after 512 bytes, every array transposed, texts as numbers."""
     with h5py.File(path, "w", userblock_size=512) as file:
-        file["rec/data"], file["rec/fs"] = SAMPLES, [[RATE]]
+        file["rec/data"], file["rec/fs"], file["sound_speed"] = SAMPLES, [[RATE]], [[340.0]]
         file.create_dataset("note", data=np.arange(40, dtype=np.uint16)[None]).attrs["MATLAB_class"] = np.bytes_("char")
     with open(path, "r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
@@ -331,6 +331,7 @@ ARRAYS = [  # name, writer, whether the file has no rate
     ("a.csv", write_table, True),
     ("b.csv", lambda path: write_table(path, "time,a,b,c,d,e", times=SECONDS), False),
     ("a.csv", lambda path: write_table(path, ",0,1,2,3,4", times=NUMBERS), True),
+    ("b.csv", lambda path: write_table(path, "t_s,a,b,c,d,e", times=SECONDS.round(3)), True),
     ("a.txt", lambda path: write_table(path, "# of a logger", " "), True),
     ("b.tsv", lambda path: write_table(path, "t (ms)\ta\tb\tc\td\te", "\t", 1000 * SECONDS), False),
     ("b.csv", lambda path: write_table(path, "Zeit_ms;a;b;c;d;e", ";", 1000 * SECONDS, ","), False),

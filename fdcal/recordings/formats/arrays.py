@@ -105,7 +105,7 @@ def recording_in(
     real = {
         name: array for name, array in arrays.items()
         if array.dtype.kind in "fiu" and 1 <= len(long(array)) <= 2 and max(array.shape) >= MIN_SAMPLES
-        and re.sub("k?hz$", "", _word(name)) not in beside
+        and min(array.shape) > 0 and re.sub("k?hz$", "", _word(name)) not in beside
     }  # fmt: skip
     found = [name for name in real if len(long(real[name])) == 2] or list(real)
     named = [name for name in found if _word(name) in ORDERS]
@@ -152,8 +152,8 @@ def recording_in(
         return values
 
     others: dict[str, Any] = {
-        key: require_array(f"{path}: {key}", np.asarray(arrays[key]), *OTHERS[key]).tolist()
-        for key in OTHERS if key in arrays and arrays[key].dtype.kind != "O"
+        key: require_array(f"{path}: {key}", np.array(np.squeeze(arrays[key]), ndmin=len(what[1])), *what).tolist()
+        for key, what in OTHERS.items() if key in arrays and arrays[key].dtype.kind != "O"
     }  # fmt: skip
     if (kind := others.pop("kind", None)) is not None:
         require_choice(f"{path}: kind", kind, KINDS)
@@ -191,8 +191,7 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
     with damaged(f"{path} is not a table of samples", wanted):
         lines = [one for one in path.read_text(encoding="utf-8-sig").splitlines() if one.strip() and one[0] not in "#%"]
         delimiter = next((one for one in ";\t," if one in "".join(lines[-1:])), None)
-        if delimiter != ",":
-            lines = [line.replace(",", ".") for line in lines]
+        lines = lines if delimiter == "," else [line.replace(",", ".") for line in lines]
         begins = next((n for n, line in enumerate(lines) if is_data(line)), len(lines))
         head = [cell.strip(' "') for cell in lines[begins - 1].split(delimiter)] if begins else []
         if is_header(head):
@@ -207,13 +206,14 @@ def _read_table(path: Path, source: int | None = None, rate: float | None = None
     first, wide = table[:, 0], table.shape[1] > 1
     counting = wide and np.array_equal(first - first[0], np.arange(len(first)))
     hertz = _rate_of_times(first) if wide and not counting else None
-    arrays = {"recordings": table[:, 1:].T if counting or hertz else table.T}
+    named = wide and len(head) == table.shape[1] and re.split("[^a-z]", head[0].lower())[0] in TIMES  # perhaps rounded
+    arrays = {"recordings": table[:, 1:].T if counting or hertz or named else table.T}
     names = head[-len(arrays["recordings"]) :]
     if len(names) == len(arrays["recordings"]) == len(set(names)):
         arrays["names"] = np.array(names)
     if hertz is not None:
-        scale = 1000 if head and re.search(r"(\b|_)ms\b", head[0].lower()) else 1
-        arrays["sample_rate"] = np.array(round(hertz * scale, 6))
+        in_ms = re.search(r"(\b|_)ms\b", "".join(head[:1]).lower())
+        arrays["sample_rate"] = np.array(round(1000 * hertz if in_ms else hertz, 6))
     return recording_in(path, arrays, rate)
 
 
