@@ -45,6 +45,7 @@ LAYOUT = "rectangle 4x4 0.5x0.5"
         (["calibrate", "tiny", "--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
         (["calibrate", "tiny", "--temperature", "21"], ["tiny holds no recordings; leave out --temperature"]),
         (["plan", "nothing"], ['"nothing" names no array', '"circle 16 0.2"']),
+        (["plan", "ball 32 0.3x0.4"], ['"ball 32 0.3x0.4" is not a geometry; write it as']),
         (["plan", LAYOUT, "--frequencies", "all"], ["is not a band; write LO:HI"]),
         (["plan", LAYOUT, "--room", "lshape"], ["'--room'", "example 6x5 or 6x5x2.7"]),
     ],

@@ -142,8 +142,7 @@ def _cell(where: str, text: str) -> str:
     return f'<c r="{where}"{" t=" + chr(34) + "s" + chr(34) if text[0] == "s" else ""}><v>{text.lstrip("s")}</v></c>'
 
 
-def geometry(old: str, new: str) -> str:
-    return ACOULAR.replace(old, new)
+geometry = ACOULAR.replace
 
 
 @pytest.mark.parametrize(

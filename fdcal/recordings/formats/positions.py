@@ -424,9 +424,7 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
             groups.setdefault(match[1], {})[match[2].lower()] = column
     groups = {name: axes for name, axes in groups.items() if len(axes) > 1}
     try:
-        table = np.array(
-            [[[float(row[c]) for c in axes.values()] for axes in groups.values()] for row in rows.values()]
-        )
+        table = np.array([[[float(row[c]) for c in one.values()] for one in groups.values()] for row in rows.values()])
     except (ValueError, IndexError):
         groups = {}
     if not groups:
