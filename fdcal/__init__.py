@@ -55,7 +55,7 @@ METHODS = {
     "cost.maps:LandscapePanels": {"plot": "graphics.figures:draw_landscape"},
 }
 STATIC = {"from_json", "load"}  # methods of the class, not of an instance
-RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # functions whose modules do not import the returned class
+RETURNED = {"landscape": "cost.maps:LandscapePanels"}  # classes whose modules are not loaded with the function
 
 __all__ = [
     "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions",

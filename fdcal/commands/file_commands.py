@@ -40,9 +40,9 @@ def import_(sources, output, force, **recorded):
 
     given = {key: value for key, value in recorded.items() if value is not None}
     with opt.progress_bar("importing") as progress:
-        measurement, report = import_recording(sources, ImportOptions(**given), progress)
+        measurement, imported = import_recording(sources, ImportOptions(**given), progress)
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(import_summary(measurement, report, opt.OPTIONS))
+    print(import_summary(measurement, imported, opt.OPTIONS))
     print(path)
 
 
