@@ -692,11 +692,11 @@ def with_known(measurement: Measurement, known: Mapping[Any, Any] | Sequence[Any
     return replace(measurement, known=numbers, known_positions=rows)
 
 
-def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: int = 0) -> Measurement:
+def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: Sequence[str] = ()) -> Measurement:
     """Return a measurement with the positions of all microphones in a list, to compare results with.
 
     Rows belong to channels by name if the list has all names, otherwise by order. `placed` may also have rows for the
-    channels that were left out of the measurement, whose number is `excluded`.
+    channels that were left out of the measurement, whose names or numbers are `excluded`.
     """
     rows = _rows(measurement.names, placed.names, excluded)
     positions, D = np.asarray(placed.positions)[rows], measurement.array_dimension
@@ -706,7 +706,9 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     return replace(measurement, positions=positions[:, :D], nominal=False)
 
 
-def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -> tuple[tuple[str, ...], str]:
+def list_labels(
+    names: Sequence[str], given: Sequence[str], excluded: Sequence[str] = ()
+) -> tuple[tuple[str, ...], str]:
     """Return labels of the channels for a comparison with a list, and a remark if its rows are matched by order.
 
     `given` are the names in the list. A label is the name of the channel, followed by that of its row in parentheses if
@@ -715,20 +717,25 @@ def list_labels(names: Sequence[str], given: Sequence[str], excluded: int = 0) -
     rows = _rows(names, given, excluded)
     labels = tuple(n if given[row] == n else f"{n} ({given[row]})" for n, row in zip(names, rows, strict=True))
     shared = len(set(names) & set(given))
-    if shared == len(names):
+    if list(names) == [given[row] for row in rows]:
         return labels, ""
-    few = f"only {shared} of {len(names)} names of the list are names of channels" if shared else "the names differ"
+    few = f"{shared} of {len(names)} names are names of channels" if 0 < shared < len(names) else "the names differ"
     return labels, f"{few}: the list is taken in row order, {given[rows[0]]} = channel {names[0]}"
 
 
-def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:
-    """Return for each of `names` the index of its row among `given`, by name or else by order."""
-    if set(names) <= set(given):
+def _rows(names: Sequence[str], given: Sequence[str], excluded: Sequence[str]) -> list[int]:
+    """Return for each of `names` the index of its row among `given`, by name or else by order.
+
+    A list numbered from 1 has the names of channels 1 to N - 1, but they belong to the channels before these. It is
+    recognised if channel 0 is `excluded`, whose name it lacks.
+    """
+    numbers, others = [int(name) for name in names if name.isascii() and name.isdigit()], set(given) - set(names)
+    counted = len(numbers) == len(names) == len(given) - len(set(excluded)) and max(numbers) < len(given)
+    if set(names) <= set(given) and not (counted and others and others.isdisjoint(excluded)):
         return [list(given).index(name) for name in names]
     if len(given) == len(names):
         return list(range(len(names)))
-    numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
-    if len(given) == len(names) + excluded and len(numbers) == len(names) and max(numbers) < len(given):
+    if counted:
         return numbers
     problem = f"{len(given)} positions are given for {len(names)} microphones"
     remedy = "give <positions> of all microphones, in the order of the channels or with their names"

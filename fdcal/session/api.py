@@ -98,7 +98,7 @@ def load(
     else:
         given = require_array("positions", positions, "real", (None, None), "m")
         listed = MicrophonePositions(tuple(map(str, range(len(given)))), given)
-    return with_positions(inputs.measurement, listed, len(set(inputs.excluded)))
+    return with_positions(inputs.measurement, listed, inputs.excluded)
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: ProgressReport | None = None) -> Measurement:

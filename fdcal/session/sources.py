@@ -118,9 +118,9 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
 
     The file may also have positions of the microphones in `inputs.excluded`.
     """
-    placed, name, missing = read_positions(path), Path(path).name, len(set(inputs.excluded))
-    measurement = with_positions(inputs.measurement, placed, missing)
-    labels, remark = list_labels(measurement.names, placed.names, missing)
+    placed, name = read_positions(path), Path(path).name
+    measurement = with_positions(inputs.measurement, placed, inputs.excluded)
+    labels, remark = list_labels(measurement.names, placed.names, inputs.excluded)
     differ = np.ptp(placed.positions[:, 2])
     if measurement.array_dimension == 2 and differ > FLAT:
         height = length_text(float(differ))

@@ -242,7 +242,11 @@ def test_exchanged_channels_are_found_in_python_and_the_positions_of_a_file_are_
 
 
 def test_rows_that_are_matched_by_channel_number_are_named_as_they_are_taken():
-    assert list_labels(("1", "2"), ("a", "b", "c"), 1)[1].endswith("b = channel 1")
+    assert list_labels(("1", "2"), ("a", "b", "c"), "0")[1].endswith("b = channel 1")
+    assert (
+        list_labels(("1", "2"), ("1", "2", "3"), "0")[1]
+        == "the names differ: the list is taken in row order, 2 = channel 1"
+    )
 
 
 ROWS = "the list is taken in row order"
