@@ -68,14 +68,10 @@ class Stepping:
         self.step = lambda problem, state: replace(state, **step(self, state), step=state.step + 1)
 
 
-@pytest.mark.parametrize(
-    "step",
-    [
-        lambda _, state: {"positions": state.positions + 2.0 ** (state.step + 1) * np.eye(12)[:, 11:]},
-        lambda _, state: {"positions": state.positions * np.nan},
-    ],
-    ids=["runs away", "is no number"],
-)
+@pytest.mark.parametrize("step", [
+    lambda _, state: {"positions": state.positions + 2.0 ** (state.step + 1) * np.eye(12)[:, 11:]},
+    lambda _, state: {"positions": state.positions * np.nan},
+], ids=["runs away", "is no number"])  # fmt: skip
 def test_a_microphone_that_runs_away_ends_the_run(monkeypatch, step):
     stepping = Stepping(step)
     monkeypatch.setattr(solvers, "load", lambda name: stepping)

@@ -34,8 +34,7 @@ def unknowns(filters: bool = True, gains: bool = True, log_speed: float = 0.0) -
 
 def objective(known_sigma: float = 2e-3, speed_sigma: float = 5e-3, log_speed: float = 0.0) -> Objective:
     pressures, k = draws(MODES, COUNT) + 1j * draws(COUNT, MODES).T, np.linspace(2.0, 6.0, MODES)
-    noise = 1 + np.abs(draws(COUNT))
-    field = FieldModel(k, np.linspace(0.5, 2.0, MODES), np.full(MODES, 0.02), noise, 2)
+    field = FieldModel(k, np.linspace(0.5, 2.0, MODES), np.full(MODES, 0.02), 1 + np.abs(draws(COUNT)), 2)
     places = unknowns().positions[KNOWN] + 1e-3 * draws(len(KNOWN), 2)
     priors = Priors(0.05, 0.03, KNOWN, places, known_sigma, 0.02 * draws(COUNT, 2), speed_sigma)
     return Objective(pressures, field, priors, log_speed)

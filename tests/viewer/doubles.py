@@ -98,8 +98,7 @@ class CallRecorder:
 
 
 def view_of(states, **changes) -> SessionView:
-    view = SessionView(states[-1], len(states) - 1, tuple(states))
-    return dataclasses.replace(view, **changes)
+    return dataclasses.replace(SessionView(states[-1], len(states) - 1, tuple(states)), **changes)
 
 
 def set_by_client(handle, value, client=True):
