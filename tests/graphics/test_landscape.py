@@ -14,6 +14,7 @@ from PIL import Image
 
 from fdcal.assessment.result_file import position_table
 from fdcal.cost.maps import interpolate, landscape_panels, mode_shape, refined
+from fdcal.graphics import heatmap
 from fdcal.graphics.figures import draw_landscape, figure_bytes
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, WAVE_POINTS, cost_floor, relief_grid, wave_floor
 from fdcal.graphics.marks import drape
@@ -80,6 +81,15 @@ def test_heights_rise_with_colours_and_microphones_stand_on_them():
     assert floor.heights.max() == pytest.approx(RELIEF_HEIGHT * 1.05)
     flat = cost_floor(bowl(0.3, 0.8), SEARCH)
     assert flat.heights is None and drape([[0.3, 0.8]], flat).shape == (1, 2)
+
+
+def test_a_slope_is_shaded_by_its_angle_to_the_light():
+    ramp, rise = np.tile(np.linspace(1, 2, 21), (21, 1)), RELIEF_HEIGHT * 1.05
+    for cost, normal in ((ramp, [-rise, 0, 1]), (ramp[:, ::-1], [rise, 0, 1]), (ramp.T, [0, -rise, 1])):
+        lit, flat = (cost_floor(cost, SEARCH, relief=relief).rgb for relief in (True, False))
+        brightness = normal @ heatmap.TOWARDS_LIGHT / np.linalg.norm(normal) / heatmap.TOWARDS_LIGHT[2]  # level: 1
+        dark, white = np.interp(brightness, [0, 1], [heatmap.DARKEST, 1]), heatmap.BRIGHTEST * max(brightness - 1, 0)
+        np.testing.assert_allclose(lit, (1 - white) * dark * flat + 255 * white, atol=2)
 
 
 def test_a_cost_of_both_signs_has_a_linear_scale():
