@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import gzip
 import io
+import itertools
 import logging
 import os
 import re
@@ -297,6 +298,22 @@ def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch, caplo
             client.send(raw)
     assert caught.value.rcvd is caught.value.sent is None, "at once, and not because its pings wait for an answer"
     assert "a client that sends too much was disconnected" in caplog.messages
+
+
+def test_a_client_that_sends_as_much_as_it_may_is_never_delayed(monkeypatch):
+    async def received(*_):
+        return msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "nobody"})
+
+    clock = itertools.count(step=client_values.COSTS["CommandTriggerMessage"] / hardening.RATE)
+    delays = []
+    monkeypatch.setattr(hardening, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    monkeypatch.setattr(hardening, "asyncio", SimpleNamespace(sleep=lambda delay: delays.append(delay) or received()))
+    monkeypatch.setattr(hardening.ServerConnection, "recv", received)
+    connection = object.__new__(hardening.GuardedConnection)
+    for _ in range(int(hardening.BURST)):
+        with pytest.raises(StopIteration):
+            connection.recv().send(None)
+        assert not delays
 
 
 HANDSHAKE = (
