@@ -5,7 +5,9 @@ import math
 
 import numpy as np
 import pytest
+from numba.core import config
 
+from fdcal.acoustics import compiled
 from fdcal.acoustics.fdtd import advance, make_grid, neighbour_sum, pulse, simulate
 from fdcal.model.scene import Room, Source
 from fdcal.model.validation import InputError
@@ -82,9 +84,8 @@ def test_absorbing_end_of_a_tube_reflects_as_its_admittance_says(beta):
     grid, x = dataclasses.replace(grid, loss=loss), np.arange(length) + 0.5
     wave = lambda steps: np.exp(-(((x - 1000 - steps * grid.courant) / 100) ** 2))[None]  # noqa: E731
     _, p = advance(grid, wave(-1), wave(0), round(1500 / grid.courant))
-    reflected = p[0, np.abs(p[0]).argmax()]
     # The pressure is taken half a cell in front of the wall.
-    assert reflected == pytest.approx((1 - beta) / (1 + beta), abs=4e-3)
+    assert p[0, np.abs(p[0]).argmax()] == pytest.approx((1 - beta) / (1 + beta), abs=4e-3)
 
 
 def test_one_thread_or_several_give_the_same(monkeypatch):
@@ -150,3 +151,13 @@ def test_a_sampling_rate_that_is_too_low_is_refused_with_a_sufficient_one():
 def test_what_simulate_refuses(room, source, receiver, words):
     with pytest.raises(InputError, match=words):
         simulate(Room(**(room or {"outline": L_SHAPE}), cell=H), dataclasses.replace(SOURCE, **source), [receiver])
+
+
+@pytest.mark.parametrize(("variable", "writable"), [("FDCAL_CACHE", True), ("FDCAL_CACHE", False), ("NONE", False)])
+def test_machine_code_is_stored_in_the_cache_only_if_the_source_is_read_only(monkeypatch, tmp_path, variable, writable):
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.setattr(compiled.os, "access", lambda *_: writable)
+    monkeypatch.delenv("FDCAL_CACHE")
+    monkeypatch.setenv(variable, str(tmp_path))
+    compiled.compiled(lambda: 0)
+    assert config.CACHE_DIR == (str(tmp_path / "compiled") if variable == "FDCAL_CACHE" and not writable else "")
