@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fields import measured
+from fields import measured, waves
 from solving import run_from
 
 from fdcal import solvers
 from fdcal.model.gauge import rigid_motions
+from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load
 from fdcal.solvers.robust import channels, noise, objective, result, spread
@@ -73,6 +74,15 @@ def test_the_less_determined_of_two_optima_with_equal_cost_has_more_evidence(end
     assert rise == pytest.approx(2 * len(KNOWN), rel=1e-9), "a wider prior lowers the evidence, too"
 
 
+@pytest.mark.parametrize(("name", "limit"), [("robust", 3e8), ("robust", 0.0), ("joint", 3e8)])
+def test_the_power_in_space_depends_on_the_direction_unless_that_takes_too_long(monkeypatch, name, limit):
+    x, k = np.random.default_rng(0).normal(0, 0.3, (20, 3)), np.linspace(1, 6, 12)
+    problem = Measurement(k * 343 / (2 * np.pi), waves(x, k), 343.0, dimension=3).problem()
+    monkeypatch.setattr(noise, "MAX_DIRECTION_PRODUCTS", limit)
+    state = solvers.load(name).init(problem, SolverSettings(name=name, modes=12), 0, x)
+    assert noise.with_last_field(problem, state).model.directional == (name == "robust" and limit > 0)
+
+
 def test_a_position_that_the_pressures_contradict_constrains_nothing(ended):
     problem, state = ended
     wrong = np.arange(len(KNOWN)) == 2
@@ -91,8 +101,7 @@ def test_a_channel_that_is_only_noisy_stays_where_it_is(ended):
     """Its noise explains it better than another place or gain; a channel whose microphone is elsewhere moves."""
     problem, state = ended
     share, rng = state.model.noise_fraction, np.random.default_rng(3)
-    tau = np.where(np.arange(COUNT) == 7, 60.0, 1.0)
-    p = np.array(problem.pressures)
+    tau, p = np.where(np.arange(COUNT) == 7, 60.0, 1.0), np.array(problem.pressures)
     draws = rng.normal(size=(2, MODES)) * np.sqrt(60 * share / 2)
     p[:, 7] += draws[0] + 1j * draws[1]
     noisy = replace(state, model=replace(state.model, channel_noise=tau))
@@ -108,8 +117,7 @@ def test_a_local_search_reaches_a_third_of_the_shortest_wavelength(ended, direct
     problem, state = ended
     used = used_modes(problem, state, channels.SEARCH_MODES)
     wavelength = 2 * np.pi / problem.wavenumbers[used].real.max()
-    tau = np.where(np.arange(COUNT) == 7, 60.0, 1.0)
-    away = np.array(state.positions)
+    tau, away = np.where(np.arange(COUNT) == 7, 60.0, 1.0), np.array(state.positions)
     away[7] += wavelength / 3 * np.array(direction)
     suspicious = replace(state, positions=away, model=replace(state.model, channel_noise=tau))
     found, moved = channels.relocated(problem, suspicious, local=True)
@@ -157,6 +165,8 @@ def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):
         begun = next_restart(problem, replace(states[-1], starts=(), optima=optima, finished=False))
         np.testing.assert_allclose(begun.positions, likeliest(states[-1]).positions, atol=1e-12)
         assert STAGES[begun.progress.stage].name == "final"
+        running = replace(states[-1], optima=optima, finished=False, progress=states[0].progress)
+        assert running.best_positions is likeliest(states[-1]).positions, "while another restart runs"
 
 
 def test_each_likely_start_is_refined_and_then_the_likeliest_result(run):
