@@ -189,6 +189,10 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     turn_until(lambda: not sweep.playing)
     assert list(dict.fromkeys(modes for modes in seen if modes)) == [tuple(range(1, m + 1)) for m in range(2, 7)]
     made = sweep.made
+    for kind in ("flat", "relief"):  # the maps of the sweep are flat
+        style = dataclasses.replace(made.request.style, kind=kind)
+        found, _ = sweep.map_for(dataclasses.replace(made.request, modes=(1, 2, 3), style=style), None, "")
+        assert (found is None) == (kind == "relief")
     run, search = viewer.run, refined(viewer.run.problem.search)
     for m, count in enumerate([frame.minima.count for frame in made.frames], start=1):
         modes, state = range(1, m + 1), binding.session.view.state
