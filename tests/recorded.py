@@ -53,8 +53,7 @@ def responses(count: int = 24, source: tuple[float, ...] = SOURCE) -> np.ndarray
 
 def noisy(samples: np.ndarray, snr_db: float, seed: int = 1) -> np.ndarray:
     """Return `samples` (N, T) with white noise at an SNR, dB, in the band from 20 to 400 Hz."""
-    rng = np.random.default_rng(seed)
-    f = np.fft.rfftfreq(samples.shape[1], 1 / FS)
+    rng, f = np.random.default_rng(seed), np.fft.rfftfreq(samples.shape[1], 1 / FS)
     power = np.mean(np.abs(np.fft.rfft(samples)[:, (f > 20) & (f < 400)]) ** 2) / samples.shape[1]
     return samples + np.sqrt(power * 10 ** (-snr_db / 10)) * rng.standard_normal(samples.shape)
 

@@ -56,8 +56,7 @@ def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
 
 def test_a_delay_counts_only_beyond_the_uncertainty_that_the_field_causes(estimate):
     """Blocks of frequencies that disagree ten times more than a diffuse field would make filters less certain, too."""
-    c = estimate.problem.sound_speed
-    sigma = np.full((COUNT, 2), 1e-5 * c)  # m, of the delays
+    sigma = np.full((COUNT, 2), 1e-5 * estimate.problem.sound_speed)  # m, of the delays
     filters = np.zeros((COUNT, 2))
     filters[FAULTY, 0] = 6 * sigma[FAULTY, 0]
     channels = replace(estimate.channels, filters=filters, filter_sigma=sigma)
@@ -151,8 +150,7 @@ def test_in_an_array_too_sparse_for_a_prediction_no_channel_is_dead(together, lo
 
 def test_a_noisy_channel_is_reported_with_its_excess_in_decibels(healthy):
     p, rng = np.array(healthy.pressures), np.random.default_rng(6)
-    power = np.mean(np.abs(p) ** 2, axis=1)
-    draws = rng.normal(size=(2, MODES)) * np.sqrt(power * 10 ** (-15 / 10) / 2)
+    draws = rng.normal(size=(2, MODES)) * np.sqrt(np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-15 / 10) / 2)
     p[:, FAULTY] += draws[0] + 1j * draws[1]
     _, faulty = found_in(replace(healthy, pressures=p))
     assert [(n, one.kind, one.unit) for n, one in faulty.items()] == [(FAULTY, "noisy", "dB")]

@@ -122,8 +122,7 @@ def places_in(search, count=40):
 def test_every_step_descends_and_the_end_is_the_minimum_of_the_basin(ambiguous, dimension):
     cost, search = ambiguous if dimension == 2 else bowls()
     basins = basins_of(cost)
-    ends = map_positions(basins.minima, search)
-    reached = set()
+    ends, reached = map_positions(basins.minima, search), set()
     for start in places_in(search):
         path = descent_path(cost, search, basins, start)
         inside = np.clip(start, search.origin, np.add(search.origin, search.size))
@@ -136,8 +135,7 @@ def test_every_step_descends_and_the_end_is_the_minimum_of_the_basin(ambiguous, 
 
 
 def test_a_path_passes_a_dent_that_is_too_shallow_to_count():
-    x = np.arange(60.0)
-    cost = np.add.outer((np.arange(21.0) - 10) ** 2, 0.5 * np.abs(x - 14))
+    cost = np.add.outer((np.arange(21.0) - 10) ** 2, 0.5 * np.abs(np.arange(60.0) - 14))
     cost[10, 39] -= 0.6  # lower than both neighbours by at most a hundredth of the range
     search = Search((0.0, 0.0), (5.9, 2.0), 0.1, 1.0)
     path = descent_path(cost, search, basins_of(cost, depth=0.05), (3.9, 1.0))

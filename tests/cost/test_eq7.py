@@ -100,8 +100,7 @@ def test_rows_are_those_of_the_dictionary_up_to_a_factor_of_each_column(dimensio
     for group in expansion.groups(range(len(expansion.carried.modes))):
         for number, rows in zip(group, expansion.rows(points, centre, group), strict=True):
             order, k = int(expansion.carried.orders[number]), problem.wavenumbers[expansion.carried.modes[number]]
-            build = fourier_bessel if dimension == 2 else spherical_bessel
-            W = build(points, complex(k), order, centre)
+            W = (fourier_bessel if dimension == 2 else spherical_bessel)(points, complex(k), order, centre)
             assert rows.shape == W.shape == (15, eq7.functions(problem, order))
             factor = np.sum(W * rows.conj(), axis=0) / np.sum(np.abs(rows) ** 2, axis=0)
             assert np.all(np.abs(rows * factor - W) < 1e-9 * np.abs(W).max(axis=0))

@@ -213,8 +213,7 @@ def test_no_rigid_motion_no_mirror_and_no_order_of_the_microphones_changes_the_c
 @pytest.mark.parametrize("kernel", ["damped", "damped directional"])
 def test_the_centre_of_a_damped_field_follows_from_the_positions_given_for_it(kernel, dimension, D):
     x, p, _ = drawn(D, seed=5)
-    field = assumed(kernel, x, dimension)
-    about = 1.5 * x - 0.2
+    field, about = assumed(kernel, x, dimension), 1.5 * x - 0.2
     shared = likelihood_terms(x, p, replace(field, about=about)).cost
     assert shared != pytest.approx(likelihood_terms(x, p, field).cost, rel=1e-6)
     assert likelihood_terms(x + 0.3, p, replace(field, about=about + 0.3)).cost == pytest.approx(shared, rel=1e-9)
@@ -269,8 +268,7 @@ def test_the_spectra_give_the_likelihood(kernel, dimension, D, count):
 @pytest.mark.parametrize(("kernel", "dimension", "D", "count"), CASES)
 def test_threads_give_the_same_bits_as_one_core_and_blocks_the_same_numbers(kernel, dimension, D, count, monkeypatch):
     x, p, channels = drawn(D, count)
-    field = assumed(kernel, x, dimension)
-    found = []
+    field, found = assumed(kernel, x, dimension), []
     for largest, least in ((1.3e5, np.inf), (200, np.inf), (200, 0.0)):
         monkeypatch.setattr(kernels, "BLOCK", largest)
         monkeypatch.setattr(kernels, "WORTH_THREADS", least)

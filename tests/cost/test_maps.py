@@ -193,8 +193,7 @@ def noise_of(problem: Problem, share: float, modes=MODES) -> np.ndarray:
 
 def directly(problem: Problem, positions, noise, search, modes=MODES) -> np.ndarray:
     """Return the same maps point by point: the cost with the microphone there, without N log v."""
-    layer = search.layer(float(positions[N, -1]))
-    p = problem.pressures[modes]
+    layer, p = search.layer(float(positions[N, -1])), problem.pressures[modes]
     field = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension)
     costs = []
     for point in layer.reshape(-1, layer.shape[-1]):

@@ -26,8 +26,7 @@ def drawn(field: short.ShortField, rng, windows: int = W, frequencies: int = F) 
     """Return windows drawn from the model of a field, each with its own power."""
     k, takes = np.tile(np.linspace(4, 40, frequencies), T), np.repeat(np.arange(T), frequencies)
     N = len(field.positions)
-    found = np.empty((len(k), windows, N), complex)
-    each = np.unique(k)
+    found, each = np.empty((len(k), windows, N), complex), np.unique(k)
     K = short.anisotropic_kernel(field.positions, each, field.spectrum, 0.0, False)[0]
     along = (each - each[0]) / (each[-1] - each[0])
     noise = np.exp(np.interp(along, np.linspace(0, 1, len(field.noise)), field.noise))
@@ -55,8 +54,7 @@ def test_the_gradient_is_that_of_the_cost(ring):
     likelihood = replace(likelihood, dispersion=2.5, bandwidth=1.5)
     here = replace(field, positions=field.positions + 0.01 * rng.standard_normal((N, 3)))
     every, some = (short.free_parameters(here, np.arange(*axes), True, 7) for axes in ((3,), (2,)))
-    terms = likelihood.terms(here, every)
-    h = 1e-6
+    terms, h = likelihood.terms(here, every), 1e-6
     numerical = [
         (likelihood.terms(short.advanced(here, e)).cost - likelihood.terms(short.advanced(here, -e)).cost) / (2 * h)
         for e in h * np.eye(len(terms.gradient))
@@ -74,8 +72,7 @@ def test_the_covariance_of_the_scores_is_the_information():
     terms = likelihood.terms(field, short.free_parameters(field, np.arange(3), True, 7))
     values, vectors = np.linalg.eigh(terms.fisher)
     kept = values > 1e-3 * values[-1]
-    scatter = np.mean(np.sum((terms.scores @ vectors[:, kept]) ** 2, axis=0) / values[kept])
-    assert 0.8 < scatter < 1.25
+    assert 0.8 < np.mean(np.sum((terms.scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]) < 1.25
 
 
 def test_neither_the_power_of_a_window_nor_a_turn_about_the_vertical_changes_the_likelihood():

@@ -189,8 +189,7 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
     axes[:3] = 0  # the first three are known
     drawn = pictures.with_ellipses(pictures.compose(scene, measurement), measurement.positions, axes)
     # The first corner of all ellipses, then the second, and so on.
-    rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)
-    away = rims - measurement.positions[3:]
+    away = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2) - measurement.positions[3:]
     np.testing.assert_allclose(np.abs(away[..., 0]).max(axis=0), 0.02, rtol=1e-4)
     np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)
     nothing = pictures.with_ellipses(pictures.compose(scene, measurement), measurement.positions, 0 * axes)

@@ -32,8 +32,7 @@ def test_an_isosurface_of_the_distance_is_a_sphere_whose_normals_point_outwards(
     vertices, faces, normals = isosurface(distance(), SEARCH, 0.15)
     reach = np.linalg.norm(vertices - CENTRE, axis=1)
     np.testing.assert_allclose(reach, 0.15, atol=0.05 * SEARCH.step)
-    outwards = (vertices - CENTRE) / reach[:, None]
-    assert np.einsum("vd,vd->v", normals, outwards).min() > 0.98
+    assert np.einsum("vd,vd->v", normals, (vertices - CENTRE) / reach[:, None]).min() > 0.98
     corners = vertices[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(4 * np.pi * 0.15**2, rel=0.02)

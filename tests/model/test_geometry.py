@@ -169,8 +169,7 @@ def test_places_keep_their_distances_and_reach_all_of_the_room(size):
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("size", [0.03, 0.7, 4.0])
 def test_a_domain_contains_the_array_and_a_margin(dimension, size):
-    rng = np.random.default_rng(0)
-    positions = 3 + size * rng.uniform(size=(30, dimension))
+    positions = 3 + size * np.random.default_rng(0).uniform(size=(30, dimension))
     search = search_around(positions)
     low, high = np.array(search.origin), np.add(search.origin, search.size)
     extent = float(np.ptp(positions, axis=0).max())

@@ -19,8 +19,7 @@ POSITIONS = np.array([[2.2, 2.0], [2.9, 1.9], [2.5, 2.6], [2.7, 2.3], [2.4, 2.2]
 @pytest.mark.parametrize("exponent", [-1000, -600, 0, 600, 1000])
 def test_unit_modes_do_not_depend_on_the_unit(exponent):
     measurement = measured(POSITIONS, (0, 1, 2), highest=100.0)
-    scaled = replace(measurement, pressures=measurement.pressures * 2.0**exponent)
-    pressures = scaled.problem().pressures
+    pressures = replace(measurement, pressures=measurement.pressures * 2.0**exponent).problem().pressures
     assert np.array_equal(pressures, measurement.problem().pressures)
     assert np.allclose(np.mean(np.abs(pressures) ** 2, axis=1), 1)
 

@@ -22,8 +22,7 @@ def places(count=16):
 def responses(source=SOURCE, reflections=40, noise=1e-3, seed=1, length=4000):
     """Return impulse responses (N, T): direct sound, decaying images at least 1 m farther away, and sensor noise."""
     x, rng = places(), np.random.default_rng(seed)
-    far = np.linalg.norm(source)
-    images = rng.normal(size=(reflections, 3))
+    far, images = np.linalg.norm(source), rng.normal(size=(reflections, 3))
     images *= (far + rng.uniform(1.0, 40.0, reflections) / np.linalg.norm(images, axis=1))[:, None]
     images *= np.maximum(1, (far + 1.0) / np.linalg.norm(images, axis=1))[:, None]
     t, h = np.arange(length) / RATE, np.zeros((len(x), length))
@@ -66,8 +65,7 @@ def test_an_inverted_and_weak_channel_has_the_right_arrival_and_one_without_dire
 
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory):
-    path = tmp_path_factory.mktemp("responses") / "one.wav"
-    h = responses()
+    path, h = tmp_path_factory.mktemp("responses") / "one.wav", responses()
     soundfile.write(path, (0.5 * h / np.abs(h).max()).T, int(RATE), subtype="FLOAT")
     return fdcal.load(path, kind="impulse", sound_speed=SPEED)
 

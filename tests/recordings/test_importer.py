@@ -57,8 +57,7 @@ def test_a_recording_cut_while_the_room_rings_is_weighted_and_has_no_noise_estim
 
 
 def test_the_decay_is_estimated_in_noise():
-    t = np.arange(FS) / FS
-    ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * t)
+    ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * (np.arange(FS) / FS))
     clean = estimate_decay(recorded(ringing), BAND).rate
     noise = 0.01 * np.random.default_rng(1).standard_normal(ringing.shape)
     decay = estimate_decay(recorded(ringing + noise), BAND)
@@ -112,9 +111,7 @@ def test_a_lower_rate_changes_nothing_in_the_band():
 
 
 def test_a_narrow_resonance_keeps_its_own_frequency():
-    t = np.arange(30 * FS) / FS
-    f = 101.23
-    rng = np.random.default_rng(0)
+    t, f, rng = np.arange(30 * FS) / FS, 101.23, np.random.default_rng(0)
     ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
     recorded_samples = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
     taken = stationary_pressures(recorded(recorded_samples, "stationary"), (80.0, 120.0), SPEED)
@@ -245,8 +242,7 @@ def test_an_impossible_choice_is_refused(call, words):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """A WAV of responses, and a table of five known microphones."""
-    path = tmp_path_factory.mktemp("mine")
-    quiet = noisy(responses(), 40)
+    path, quiet = tmp_path_factory.mktemp("mine"), noisy(responses(), 40)
     soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
     write_places(path / "known.csv", places()[:5])
     return path

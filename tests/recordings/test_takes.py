@@ -303,8 +303,7 @@ def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round()
     samples = np.pad(responses(0), ((0, 0), (0, 2400)))
     level, band = np.abs(samples).max(), (20.0, 320.0)
     samples = samples + 1e-4 * level * np.random.default_rng(4).standard_normal(samples.shape)
-    low = butter(4, (20, 40), "bandpass", fs=FS, output="sos")
-    rises = []
+    low, rises = butter(4, (20, 40), "bandpass", fs=FS, output="sos"), []
     for seed in range(6):
         rumble = sosfilt(low, np.random.default_rng(seed).standard_normal(3 * FS))[-samples.shape[1] :]
         heard = recording_of("a", "impulse", FS, samples + 5e-4 * level * rumble / np.std(rumble))
@@ -319,8 +318,7 @@ def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round()
 
 def test_a_noise_floor_far_below_the_sound_may_rise():
     """A rise by 10 dB at -110 dB is accepted; the same rise 60 dB higher is a response that wraps round."""
-    rng = np.random.default_rng(0)
-    t = np.arange(2 * FS) / FS
+    rng, t = np.random.default_rng(0), np.arange(2 * FS) / FS
     heard, noise = rng.standard_normal((2, 8, len(t)))
     heard *= np.exp(-t / 0.05)
     noise *= 10**-5.5 * np.where(t > 1.7, 10**0.5, 1.0)

@@ -38,8 +38,7 @@ PROBLEM = problem_of(TRUTH, 26)
 def near(problem, truth, metres, seed=0):
     """The first state with the free microphones `metres` off, on the lattice."""
     state, lattice = descent.init(problem, SETTINGS, seed), space_lattice(problem, 0)
-    away = metres * np.random.default_rng(3).normal(size=truth.shape)
-    positions = lattice.nearest(truth + away)
+    positions = lattice.nearest(truth + metres * np.random.default_rng(3).normal(size=truth.shape))
     positions[problem.known] = problem.known_positions
     centre = lattice.nearest(positions.mean(axis=0))
     return dataclasses.replace(state, positions=frozen_array(positions, float), centre=frozen_array(centre, float))

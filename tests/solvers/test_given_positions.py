@@ -62,8 +62,7 @@ def test_two_positions_so_close_that_an_exchange_hardly_matters_are_held_as_give
     x = array()
     x[KNOWN[3]] = x[KNOWN[1]] + [0.0024, -0.0018]
     exchanged = np.array([0, 3, 2, 1, 4, 5])
-    places = x[KNOWN][exchanged]
-    found = hypotheses(free(x), KNOWN, places, None)
+    found = hypotheses(free(x), KNOWN, x[KNOWN][exchanged], None)
     assert np.array_equal(found[0].order, np.arange(6)) and np.all(found[0].right)
     other = next(one for one in found if np.array_equal(one.order, exchanged))
     assert np.max(np.abs(found[0].positions - x)) < 6e-3 and other.log_evidence > found[0].log_evidence - 6.0
@@ -79,8 +78,7 @@ def test_positions_that_are_all_inaccurate_are_all_held_less_firmly():
 def test_the_frame_changes_no_evidence():
     x = array()
     places = x[KNOWN] + 0.01 * np.random.default_rng(2).normal(size=(6, 2))
-    mirrored = places[:, ::-1] + [3.0, -1.0]
-    one, other = (hypotheses(free(x), KNOWN, p, None) for p in (places, mirrored))
+    one, other = (hypotheses(free(x), KNOWN, p, None) for p in (places, places[:, ::-1] + [3.0, -1.0]))
     assert np.allclose([h.log_evidence for h in one], [h.log_evidence for h in other], atol=1e-6)
 
 
@@ -97,8 +95,7 @@ def given(measurement, change):
 def test_the_array_is_that_without_the_wrong_position(healthy):
     wrong = np.zeros((6, 2))
     wrong[2] = 0.05, -0.02
-    end = solved(given(healthy, wrong))
-    right = np.delete(KNOWN, 2)
+    end, right = solved(given(healthy, wrong)), np.delete(KNOWN, 2)
     without = solved(replace(healthy, known=right, known_positions=healthy.positions[right])).assessment
     assert end.assessment.verdict == "good" and end.faulty == [(KNOWN[2], "misplaced")]
     away = np.linalg.norm(end.assessment.positions - without.positions, axis=1)

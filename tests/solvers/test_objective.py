@@ -118,8 +118,7 @@ def test_the_matrix_holds_priors_near_their_centre_as_their_second_derivatives()
 def test_exact_positions_have_no_prior_and_are_not_among_the_unknowns():
     """A very stiff prior would make rounding errors larger than the rest of the cost."""
     here, goal = unknowns(), objective(known_sigma=0.0)
-    alone = replace(goal, priors=goal.priors.without_given())
-    one, other = goal.evaluate(here), alone.evaluate(here)
+    one, other = goal.evaluate(here), replace(goal, priors=goal.priors.without_given()).evaluate(here)
     assert one.cost == other.cost and np.array_equal(one.matrix, other.matrix)
     assert goal.priors.constrained.tolist() == KNOWN.tolist() and not len(objective().priors.constrained)
     index, free = np.arange(here.vector.size - 1).reshape(COUNT, -1), goal.free(here)

@@ -43,8 +43,7 @@ def test_the_noise_of_few_microphones_in_space_is_not_explained_as_field():
     array, gauge = replace(scene.array, count=16, radius=0.3), replace(scene.gauge, known=(0, 4, 9, 13))
     sensing = replace(scene.measurement, snr_db=60.0)
     measurement = measure(replace(scene, array=array, gauge=gauge, measurement=sensing))
-    end = solved(measurement)
-    sought = np.setdiff1d(np.arange(16), measurement.known)
+    end, sought = solved(measurement), np.setdiff1d(np.arange(16), measurement.known)
     assert end.assessment.verdict == "good" and end.state.model.directional
     assert rms(end.assessment.positions, measurement.positions, sought) < 0.005
     assert 3e-7 < end.state.model.noise_fraction < 3e-6
@@ -115,8 +114,7 @@ def test_filters_of_all_channels_come_back_and_the_positions_are_as_exact_as_wit
     """Delays of 0.05 ms (standard deviation) and corners of 20 to 60 Hz."""
     rng = np.random.default_rng(7)
     delays, corners = 5e-5 * rng.standard_normal(COUNT), rng.uniform(20, 60, COUNT)
-    end = solved(filtered(delays, corners))
-    truth = filtered().positions
+    end, truth = solved(filtered(delays, corners)), filtered().positions
     assert rms(end.assessment.positions, truth, FREE) < 1.5 * rms(matched.assessment.positions, truth, FREE) + 5e-4
     assert end.assessment.verdict == "good" and not end.faulty
     found, sigma = end.estimate.channels.filters, end.estimate.channels.filter_sigma
@@ -188,8 +186,7 @@ def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():
     """The room, by image sources with equal walls and 0.4 s, has little noise and few waves at each frequency."""
     room, rng = (5.0, 4.0, 2.6), np.random.default_rng([1, 285, 24, 400])
     places = draw_array(rng, 24, 0.4) + np.array(room) * (0.44, 0.47, 0.5)
-    frequencies = np.linspace(25.0, 400.0, 24)
-    takes = []
+    frequencies, takes = np.linspace(25.0, 400.0, 24), []
     for source in [draw_source(rng, room, places.mean(axis=0)) for _ in range(4)]:
         h = responses(places, source, 0.4, 40, room)
         p = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(h.shape[1])) / RATE) @ h.T

@@ -71,12 +71,10 @@ K = 2 * np.pi * FREQUENCIES / 343.0
 def test_distances_of_near_pairs_follow_from_the_coherence(D, noise):
     """Noise lowers the coherence as a distance does, unless it is taken into account."""
     rng = np.random.default_rng(1)
-    x = rng.uniform(0, 1.0, (12, D))
-    k = np.linspace(1.0, 6.0, 600)
+    x, k = rng.uniform(0, 1.0, (12, D)), np.linspace(1.0, 6.0, 600)
     found, _ = starts.pair_distances(waves(x, k, 40, rng, noise), k, noise, D)
     np.testing.assert_allclose(found, found.T)
-    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
-    pairs = np.triu_indices(12, 1)
+    apart, pairs = np.linalg.norm(x[:, None] - x[None], axis=-1), np.triu_indices(12, 1)
     off = np.log(found[pairs] / apart[pairs])
     assert np.median(np.abs(off)) < 0.06 if noise < 0.1 else abs(np.median(off)) < 0.05
 
@@ -135,8 +133,7 @@ def test_low_frequencies_first_reach_an_array_that_a_fit_to_all_frequencies_miss
 
 
 def test_before_the_first_step_given_positions_are_where_they_are_given():
-    rng = np.random.default_rng(4)
-    problem = measured(rng.uniform(2.0, 2.6, (12, 2)), KNOWN).problem("unit")
+    problem = measured(np.random.default_rng(4).uniform(2.0, 2.6, (12, 2)), KNOWN).problem("unit")
     state = solvers.load("robust").init(problem, solvers.with_mode_count(problem, SolverSettings()), 0)
     np.testing.assert_array_equal(state.positions[KNOWN], problem.known_positions)
 

@@ -33,8 +33,7 @@ def term() -> WindowTerm:
     x = rng.standard_normal((6, 3))
     x -= x.mean(axis=0)
     motions = np.linalg.qr(rigid_motions(x))[0]
-    fixed = np.eye(18) - motions @ motions.T
-    root = rng.standard_normal((18, 18))
+    fixed, root = np.eye(18) - motions @ motions.T, rng.standard_normal((18, 18))
     return WindowTerm(x, 1e4 * fixed @ root @ root.T @ fixed)
 
 
@@ -252,8 +251,7 @@ def test_a_microphone_that_may_stand_elsewhere_is_found(apart):
     z = rng.standard_normal((len(k), 40, 10, 2)).view(complex)[..., 0]
     p = z @ np.linalg.cholesky(K + 0.05 * np.eye(10)).swapaxes(1, 2)
     likelihood = ShortLikelihood(k, np.zeros(len(k), np.int64), p, 0.0)
-    rival = with_rival(likelihood, field, np.arange(3), np.full(10, True))[1]
-    assert (rival is None) == (apart < 1)
+    assert (with_rival(likelihood, field, np.arange(3), np.full(10, True))[1] is None) == (apart < 1)
 
 
 def test_the_covariance_of_windows_is_that_of_white_sound_in_a_hann_window():

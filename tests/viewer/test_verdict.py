@@ -38,8 +38,7 @@ def scene():
 @pytest.fixture
 def worker(scene, threads):
     measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
-    problem = measurement.problem()
-    session = SimpleNamespace(view=None)
+    problem, session = measurement.problem(), SimpleNamespace(view=None)
     made = VerdictWorker(prepare.PreparedRun(scene, measurement, problem, solver, session, OpenRequest(scene)), threads)
     return made, solver, problem
 
@@ -140,8 +139,7 @@ def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown
 
 
 def test_microphones_are_listed_by_descending_error(measurement):
-    offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
-    positions = measurement.positions + offsets[:, None] * [1, 0]
+    positions = measurement.positions + (0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4]))[:, None] * [1, 0]
     html = microphones.position_table(measurement, positions, None, 6, slice(None))
     numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
@@ -177,8 +175,7 @@ def test_ellipses_come_with_the_verdict_and_the_legend_says_how_large_they_are(p
 
 
 def test_the_errors_over_the_distance_of_a_single_microphone_are_not_drawn(measurement):
-    nine = measurement.positions[:9]
     # One microphone is unknown, as in the opening.
-    one_sought = replace(measurement, known=np.arange(9), known_positions=nine)
+    one_sought = replace(measurement, known=np.arange(9), known_positions=measurement.positions[:9])
     for measured, means in ((one_sought, 0), (measurement, 2)):
         assert lesson_panel("distance", measured, [State(measured.positions)], None).count("half ") == means
