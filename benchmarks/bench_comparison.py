@@ -37,6 +37,7 @@ ORDER = 40  # largest order of reflections
 TAPE = 0.005  # m, of each coordinate
 SNR_DB, PEAK_DB = 35.0, 60.0  # sensor noise below a sound, and below the peak of an impulse response
 DRAWS = 8
+TIME_LIMIT = 900.0  # s, of processor time, so that no verdict depends on the speed of the machine
 
 
 def circle(rng: np.random.Generator) -> np.ndarray:
@@ -149,7 +150,8 @@ def by_fdcal(row: Row, recordings: list[np.ndarray]) -> tuple[np.ndarray | None,
             soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
         kind = "impulse" if row.sound == "impulse" else "stationary"
         try:
-            found = fdcal.calibrate(fdcal.load(paths, kind=kind, sound_speed=SPEED), known="none")
+            measurement = fdcal.load(paths, kind=kind, sound_speed=SPEED)
+            found = fdcal.calibrate(measurement, known="none", time_limit=TIME_LIMIT)
         except InputError:
             return None, "refused"
     x = np.asarray(found.positions)
