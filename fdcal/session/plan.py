@@ -283,7 +283,7 @@ class ForecastRules:
     windows: float = 960.0
     window_noise: float = 0.05  # least fraction of the power of the windows that their model leaves unexplained
     window_frequencies: int = 40  # number of frequencies at which the information of the windows is computed
-    size_sigma: float = 0.02  # relative one sigma of the size of a plane array by short windows
+    size_sigma: float = 0.02  # relative one sigma of the size of a plane array by the short windows of one take
 
 
 FORECAST = ForecastRules()
@@ -297,6 +297,11 @@ class Forecast:
     low: float  # the errors of 8 of 10 recordings are between `low` and `high`
     high: float
     beyond: str = ""  # information that the forecast uses and the bound does not, in words
+
+    @property
+    def without(self) -> str:
+        """Beginning of a sentence about the bound."""
+        return f"without {self.beyond} " if self.beyond else ""
 
 
 @dataclass(frozen=True)
@@ -341,7 +346,7 @@ def make_plan(request: PlanRequest) -> Plan:
         bound = position_bound(of_frequency[0].scaled(request.takes * len(request.frequencies)), request.prior)
     expected = np.array([[cell.rms for cell in row] for row in table])
     forecast = table[takes.index(request.takes)][0]
-    return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound))
+    return Plan(request, bound, forecast, ratios, takes, expected, _degeneracies(request, bound, forecast.without))
 
 
 def _forecast(
@@ -361,8 +366,8 @@ def _forecast(
         low, middle, high = (factor * bound.rms for factor in FORECAST.plane)
         found = [Forecast(middle, low, high)]
         if windows is not None:
-            prior = replace(request.prior, sound_speed_sigma=FORECAST.size_sigma)
-            found.append(scattering([position_bound(windows, prior)], 1.0, "short windows"))
+            prior = replace(request.prior, sound_speed_sigma=FORECAST.size_sigma / np.sqrt(request.takes))
+            found.append(scattering([position_bound(windows.scaled(request.takes), prior)], 1.0, "short windows"))
         return min(found, key=lambda one: one.rms)
     f, s = request.frequencies, np.log(1000) / request.reverberation_time
     alike = np.sum(1 / (1 + (np.pi * (f[:, None] - f) / s) ** 2), axis=1) - 1
@@ -435,7 +440,7 @@ def positions_in_room(request: PlanRequest) -> np.ndarray:
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
-def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
+def _degeneracies(request: PlanRequest, bound: Bound, without: str) -> tuple[str, ...]:
     """Return sentences about what the pressures and the given positions do not determine."""
     x, found, D = request.layout.positions, [], request.layout.positions.shape[1]
     if not fixes_gauge(x[request.prior.known]):
@@ -446,7 +451,8 @@ def _degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
             f" that are not {line} determine these, too{side if D < request.dimension else ''}"
         )
     if bound.scale_sigma > FORECAST.blurred:
-        found.append(f"the size is known only to {100 * bound.scale_sigma:.2g} %: give a distance or another position")
+        size = f"the size is known only to {100 * bound.scale_sigma:.2g} %: one given distance determines it"
+        found.append(without + size)
     return tuple(found)
 
 
@@ -464,7 +470,7 @@ def plan_lines(plan: Plan) -> list[str]:
     if not inside and not np.array_equal(positions_in_room(request), request.layout.positions):
         centre = ", ".join(f"{value:.3g}" for value in positions_in_room(request).mean(axis=0))
         moved = f"the array is moved as a whole, its centre to ({centre}) m"
-        lines.append(f"the layout does not lie inside the room: {moved}")
+        lines.append(f"the coordinates of the layout are not inside the room: {moved}")
     wanted = len(request.band_frequencies)
     of = f" in each take (the band has {wanted}; by default an import uses {count})" if count < wanted else ""
     top = high if request.band is None else request.band[1]
@@ -475,7 +481,7 @@ def plan_lines(plan: Plan) -> list[str]:
     )
     why = ""
     if forecast.beyond:
-        why = f"; it includes {forecast.beyond}, which the least error below does not"
+        why = f"; it includes {forecast.beyond}"
     elif request.is_plane_in_room:
         why = "; only an isotropic field determines the size of a plane array, and no room is isotropic"
     elif request.kind == "impulse":
@@ -483,7 +489,7 @@ def plan_lines(plan: Plan) -> list[str]:
     ends = f"{length_text(forecast.low)} to {length_text(forecast.high)}"
     lines.append(f"expected error: {length_text(forecast.rms)} rms, {ends} in 8 of 10 recordings{why}")
     lines.append(
-        f"least error (Cramer-Rao bound, long spectra): {length_text(plan.bound.rms)} rms,"
+        f"least error {forecast.without}(Cramer-Rao bound): {length_text(plan.bound.rms)} rms,"
         f" {length_text(float(sigma.max()))} at the worst microphone, in a diffuse field"
     )
     more = "; 3 dB more SNR needs twice the recording time in the same noise" if len(plan.snr_db) > 1 else ""
