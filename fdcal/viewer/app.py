@@ -55,7 +55,8 @@ def serve(
                 nodes.show_room(request)
             from .page import Page
 
-            page = Page(server, nodes, lessons, on_progress, is_loopback(host))
+            named = "" if request is None or begin is not None else request.scene.name
+            page = Page(server, nodes, lessons, on_progress, is_loopback(host), named)
             if begin is not None:
                 page.lessons.open(begin.title, 1)
             else:

@@ -55,7 +55,8 @@ class Page:
 
     `lessons` are listed in this order. `on_progress` is called with the progress of the first session in words, and
     with "" when it is ready or refused. `takes_files`: whether users may upload files, which requires that no other
-    machine can reach the page. `viewer` is that of the session that is shown, or None.
+    machine can reach the page. `named`: scene with which the server was started, "" for none. `viewer` is that of the
+    session that is shown, or None.
     """
 
     def __init__(
@@ -65,6 +66,7 @@ class Page:
         lessons: Sequence[Lesson] = (),
         on_progress: Callable[[str], None] = lambda text: None,
         takes_files: bool = False,
+        named: str = "",
     ):
         self.server, self.nodes, self.wake = server, nodes, Flag()
         self._call = server.get_event_loop().call_soon_threadsafe
@@ -88,7 +90,8 @@ class Page:
         async def _(client: viser.ClientHandle) -> None:
             self.nodes.cameras.request(client, self.nodes.cameras.view)
             # viser drops what a browser sends before its camera. The greeting says that commands arrive from now on.
-            client.gui.add_html(content("greeting", self.panels.overlay.start), visible=False)
+            greeting = f"start={self.panels.overlay.start}&scene={quote(named)}"
+            client.gui.add_html(content("greeting", greeting), visible=False)
             client.camera.on_update(of_browsers(lambda camera: nodes.cameras.request(client)))
 
         @server.on_client_disconnect

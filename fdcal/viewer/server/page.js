@@ -28,10 +28,11 @@ let worker = null, control = null, connected = false, greeted = false, introduce
 let lastRetry = -RETRY, sentCount = 0, uploaded = 0, resume = () => {};
 // common: the part of the address that is common to all browsers; camera: last message about the camera; moved: whether the
 // user has moved it; touched, placed: times of the last gesture and of the last command to the camera, ms; server: name of
-// this start of the server.
+// this start of the server, and the scene with which it was started, as "start=NAME&scene=NAME".
 let common = "", camera = null, moved = false, writeTimer = 0, touched = -RETRY, placed = 0, server = "";
 const written = history.state?.fdcal ?? {};  // the address that this page wrote before a reload, and the start of the server at that time
 let asked = location.hash.slice(1) || written.address || "";
+const returned = sessionStorage.getItem("fdcal back");  // whether the page was reloaded because the connection was lost
 const setAddress = (state, hash) => history.replaceState(state, "", location.pathname + location.search + hash);
 
 // viser derives the server's address from the page's, and would include the part after #.
@@ -106,7 +107,9 @@ function introduce() {
   introduced = true;
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
   send(`layout=${root.dataset.layout}`);
-  const part = (text, name) => new URLSearchParams(text).get(name);
+  const part = (text, name) => new URLSearchParams(text).get(name), named = part(server, "scene");
+  // A page that comes back does not replace the scene with which the server was started.
+  if (returned && named && ![null, named].includes(part(asked, "scene"))) asked = "";
   // A reloaded page that shows the same scene restores only its layout and its camera.
   if (written.server != server || written.address != asked) openAddress(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(common, name)))
@@ -496,7 +499,7 @@ addEventListener("DOMContentLoaded", () => {
     const canvas = document.querySelector("[data-dock-root] canvas[data-engine], canvas[data-engine]");
     if (canvas) { clearInterval(found); coverCanvas(canvas); }
   }, 50);
-  if (sessionStorage.getItem("fdcal back")) {
+  if (returned) {
     sessionStorage.removeItem("fdcal back");
     note("The connection was lost and is restored.");
   }

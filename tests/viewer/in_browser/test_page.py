@@ -79,6 +79,11 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     tab(page, "Map")
 
     until(page, lambda: of_microphone(page, 8))
+    # A page that comes back with the address of another scene does not open it.
+    other = "sessionStorage.setItem('fdcal back', '1'); history.replaceState(null, '', '#scene=ball3d')"
+    page.evaluate(f"{other}; location.reload()")
+    page.get_by_text("The connection was lost and is restored").wait_for()
+    page.wait_for_function("location.hash.includes('scene=tiny')")
     alive(page)
 
 
