@@ -307,7 +307,7 @@ FINDINGS: tuple[Finding, ...] = (
             and abs(seen.speed[0] - 1) > min(limit + 4 * seen.speed[1], 0.15),
             _impossible_speed,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
-    Finding("scale_undetermined",  # the scale of a plane array in space is never determined
+    Finding("scale_undetermined",  # carry_scale: a plane array in space without short windows
             lambda seen, limit: not len(seen.estimate.problem.known) and seen.scale is None
             and (seen.scale_sigma > limit or seen.estimate.given.carry_scale),
             lambda _: "no check contradicts the shape found, but the size of the array is hardly determined",

@@ -1,6 +1,7 @@
 """Commands for recordings and files of other programs: `import`, `export`, `doctor` and `record`."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -178,7 +179,7 @@ def _result(paths: list[str], positions: str | None, options: ImportOptions, pat
         measurement, imported = measurement_of_takes(read_takes(paths, options), options)
         inputs = measurement_input(measurement, "takes" if len(paths) > 1 else "take")
         if positions is not None:
-            inputs = compared_with_file(inputs, positions, tuple(imported.left_out))
+            inputs = compared_with_file(replace(inputs, excluded=tuple(imported.left_out)), positions)
         result = solve(inputs, wording=opt.OPTIONS)
         check = None if inputs.measurement.positions is None else report.comparison(inputs, result)
     except (InputError, StorageError) as error:

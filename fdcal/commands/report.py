@@ -15,7 +15,7 @@ from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 # Heads of the lines of a summary, in their order.
-HEADS = "array radius band run cost error list speed predict field channels given verdict".split()
+HEADS = "array radius band run cost error list speed predict field channels given frame verdict".split()
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
@@ -24,6 +24,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     said = words.result_sentences(result, measurement, inputs.given, inputs.compared_with)
     said |= {"list": inputs.remark, "array": words.plane_words(measurement)}
     said["radius"] = word_arguments(inputs.radius, OPTIONS)
+    said["frame"] = "" if inputs.given else "without given positions the array may be rotated, moved or mirrored"
     if said["array"] and inputs.scene is None:
         said["array"] += word_arguments("; an import with <array_dimension> 3 estimates heights, too", OPTIONS)
     sigma = result.sound_speed_sigma

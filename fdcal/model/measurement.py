@@ -740,7 +740,9 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: Sequence[str]) -
     problem = f"{len(given)} positions are given for {len(names)} microphones"
     remedy = "give <positions> of all microphones, in the order of the channels or with their names"
     if set(given) <= set(names):
-        remedy += "; if these are known, give the list as <known>"
+        lacking = [name for name in names if name not in given]
+        problem += f", none for {', '.join(lacking[:6])}{' ...' if len(lacking) > 6 else ''}"
+        remedy += "; if only these positions are known, give the list as <known>"
     else:
         problem += ", and their names differ"
     raise InputError(problem, remedy, key="positions")

@@ -567,5 +567,5 @@ def _file_of(path: Path) -> Path:
         near = [name for name in scene_names() if name.startswith(str(path))]
         near = near or difflib.get_close_matches(str(path)[:60], scene_names(), 1)
         meant = f"did you mean {near[0]}? use {available}" if near else f"use {available}"
-        raise InputError(f'scene "{str(path)[:60]}" is unknown', meant, key="scene")
+        raise InputError(f'the scene, file or folder "{str(path)[:60]}" is unknown', meant, key="scene")
     return folder_of("scenes") / f"{path.name}.toml"

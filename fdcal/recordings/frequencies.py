@@ -155,7 +155,9 @@ def frequency_limit(
         estimated = seen > IMPORT_LIMITS.coherent_radius_factor * radius or radius <= 0
         radius = (seen if radius > 0 else IMPORT_LIMITS.coherent_radius_factor * seen) if estimated else radius
     if estimated:
-        words = f"up to {radius:.2g} m, estimated from the coherence of the channels; <array_radius> sets it"
+        words = (
+            f"at most {radius:.2g} m by the coherence of the channels, which limits the band; <array_radius> sets it"
+        )
     if radius <= 0:
         return FrequencyLimit(None, 0.0, "unknown; <array_radius> sets it")
     planar = coordinate_count(recording, options, known_positions) == 2

@@ -291,7 +291,7 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
     measurement, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
     assert limit / 2 < report.highest_frequency < 1.5 * limit, "the coherence shows the radius roughly"
     assert measurement.frequencies[-1] <= report.highest_frequency
-    assert "the coherence of the channels; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
+    assert "the band; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
 
 
 def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):

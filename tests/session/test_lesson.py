@@ -80,7 +80,7 @@ def test_a_step_changes_the_last_scene_named(written, edited):
         ('reveal = "Two."', "", "steps[1].reveal"),
         ('scene = "tiny"', "", "steps[1].page.scene is missing; name the scene"),
         ('scene = "tiny"', 'scene = ""', "steps[1].page.scene is missing; name the scene"),
-        ('scene = "tiny"', 'scene = "huge"', 'scene "huge" is unknown'),
+        ('scene = "tiny"', 'scene = "huge"', '"huge" is unknown'),
         ('scene = "tiny"', 'scene = "none.toml"', "cannot read scene"),
         ('"solver.name" = "descent"', '"solver.nme" = "descent"', "solver.nme is not a key of a scene"),
         ('modes = "1-5"', 'modes = "5-1"', 'steps[1].page.modes = "5-1"'),
