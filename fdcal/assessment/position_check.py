@@ -110,8 +110,7 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
     for _ in range(MAX_BASES):
         if len(free) < points.shape[1]:
             return
-        middle = points[free].mean(axis=0)
-        base = [free[int(np.argmax(np.linalg.norm(points[free] - middle, axis=1)))]]
+        base = [free[int(np.argmax(np.linalg.norm(points[free] - points[free].mean(axis=0), axis=1)))]]
         while len(base) < points.shape[1]:
             apart = [np.linalg.norm(points[base] - points[n], axis=1).min() for n in free]
             base.append(free[int(np.argmax(apart))])
@@ -127,8 +126,7 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
     distance = distances(others, others)
     groups, misfit = np.arange(len(others))[:, None], np.zeros(len(others))
     for n in range(1, len(base)):
-        wanted = np.linalg.norm(base[:n] - base[n], axis=1)
-        off = np.abs(distance[groups] - wanted[None, :, None])  # (K, n, N)
+        off = np.abs(distance[groups] - np.linalg.norm(base[:n] - base[n], axis=1)[None, :, None])  # (K, n, N)
         group, last = np.nonzero(off.max(axis=1) < tolerance)
         misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
         groups = np.column_stack([groups[group], last])

@@ -286,8 +286,7 @@ def plane_wave_covariance(
 def _wave_slopes(W: Complexes, k: Numbers, towards: Reals, u: Complexes, P: Complexes) -> tuple[np.ndarray, np.ndarray]:
     """Return the two results of `Slopes`, from waves W (M, Q, N) and their directions `towards` (D, Q)."""
     factor = -1j * k[:, None, None]
-    alpha = np.conj(W) @ u[..., None]
-    g = W.swapaxes(1, 2) @ (alpha * towards.T) * factor
+    g = W.swapaxes(1, 2) @ (np.conj(W) @ u[..., None] * towards.T) * factor
     across = np.conj(W) @ P  # conj(P W), P = P^H
     traced = (W * across).swapaxes(1, 2) @ towards.T.astype(complex) * factor
     return np.moveaxis(g, 2, 0), np.moveaxis(np.real(traced), 2, 0)

@@ -87,8 +87,7 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
     """Return a camera that looks at `centre` (3,) from `direction` (3,) and sees `height` metres there."""
     distance = height / 2 / math.tan(fov / 2) if fov else 2 * height
     x, y, z = (centre + distance * (np.array(direction) / np.linalg.norm(direction))).tolist()
-    look_at = float(centre[0]), float(centre[1]), float(centre[2])
-    return Camera((x, y, z), look_at, (0.0, 0.0, 1.0), fov, height)
+    return Camera((x, y, z), (float(centre[0]), float(centre[1]), float(centre[2])), (0.0, 0.0, 1.0), fov, height)
 
 
 def project(camera: Camera, size: tuple[int, int], points, lifts: Sequence[float] | float = 0.0) -> np.ndarray:

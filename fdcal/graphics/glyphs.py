@@ -13,8 +13,7 @@ Triangles = tuple[np.ndarray, np.ndarray]
 def lift(points, z: float) -> np.ndarray:
     """Return points (P, 2) or (P, 3) raised by `z` : (P, 3), metres; points of a plane are at height 0."""
     points = np.atleast_2d(np.asarray(points, float))
-    heights = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
-    return np.column_stack([points[:, :2], heights + z])
+    return np.column_stack([points[:, :2], z + (points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))])
 
 
 def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:

@@ -143,9 +143,8 @@ def in_frame(positions: Reals, frame: str) -> np.ndarray:
         return positions
     if frame == "minimal":
         apart = positions - positions[0]
-        extent = np.linalg.norm(apart, axis=1).max()
         # An array on a line or in a plane does not determine all axes; the coordinate axes complete them.
-        candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
+        candidates = [(vector, COLLINEAR * np.linalg.norm(apart, axis=1).max()) for vector in apart[1:]]
         candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
         axes = np.zeros((0, apart.shape[1]))
         for vector, least in candidates:

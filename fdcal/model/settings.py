@@ -304,8 +304,7 @@ def search_around(positions: Any, own: Search | None = None, truth: Any = None) 
     least = float(sides.max()) / CELLS[len(sides)]
     power = 10.0 ** np.floor(np.log10(least))
     step = float(next(digit * power for digit in (*STEPS, 10.0) if digit * power >= least * (1 - 1e-9)))
-    cells = np.ceil(sides / step - 1e-9).astype(int)
-    centre, size = (low + high) / 2, cells * step
+    centre, size = (low + high) / 2, np.ceil(sides / step - 1e-9).astype(int) * step
     outermost = float(np.linalg.norm(positions - centre, axis=1).max()) + margin
     radius = float(np.linalg.norm(size)) / 2 if len(size) == 2 else outermost
     radius = radius if own is None else own.radius

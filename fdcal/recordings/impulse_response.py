@@ -141,8 +141,7 @@ def _decay_by_level(recording: Recording, band: Band) -> Decay:
     segment = recording.duration / DECAY.segments
     reached = (end + 1) * segment
     if end - high >= 3:
-        slope = np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]
-        rate = max(0.0, -float(slope) / 2)
+        rate = max(0.0, -float(np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]) / 2)
         reached += DECAY.above_floor / max(2 * rate, 1e-9)
     elif nepers[top] - nepers[-1] > 2 * DECAY.above_floor:  # too fast to be measured
         rate = DECAY.above_floor / segment

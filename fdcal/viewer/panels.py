@@ -227,8 +227,7 @@ class RunBar(Tab):
             # Unless a user has chosen the speed, a run becomes faster, so that a long one ends soon.
             self._since = tick.now if self._since < 0 else self._since
             slow = 1.0 if self._lesson else max(self._binding.session.step_time / QUICK_STEP, 1.0)
-            doublings = min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
-            rate = slow * self._rate * 2**doublings
+            rate = slow * self._rate * 2 ** min((tick.now - self._since) / DOUBLING_TIME, MAX_DOUBLINGS)
             if rate > 1.2 * self._paced:
                 self._paced = rate
                 self._binding.session.pace(rate)

@@ -212,8 +212,7 @@ def _read(path: Path, source: int | None = None, rate: float | None = None) -> R
                 parts = [np.ma.filled(one[tuple(index[axis] for axis in axes)].astype(float), np.nan) for one in data]
                 part = parts[0]
                 if step:
-                    spectrum = np.pad(parts[0] + 1j * parts[1], (below, 0))
-                    part = np.fft.irfft(spectrum, shape["N"])[first:last]
+                    part = np.fft.irfft(np.pad(parts[0] + 1j * parts[1], (below, 0)), shape["N"])[first:last]
                 row[first + begin - start : last + begin - start] = part
         return values
 

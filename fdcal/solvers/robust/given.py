@@ -60,8 +60,7 @@ def resolved(problem: Problem, state: State) -> State:
     assumed = replace(moved, stage_start=moved.positions, model=model)
     mirrored = np.linalg.det(rigid_motion(state.positions, best.positions)[0]) < 0
     accurate = best.sigma < INACCURATE * objectives.first_known_sigma(problem, state.settings)
-    as_before = accurate and same_given(state, assumed) and not mirrored
-    return state if as_before else assumed
+    return state if accurate and same_given(state, assumed) and not mirrored else assumed
 
 
 MIN_ADVANTAGE = 3.0  # nats by which a hypothesis must be likelier than the positions as they are given

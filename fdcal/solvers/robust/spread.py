@@ -78,8 +78,7 @@ def claim_of(problem: Problem, state: State) -> Claim:
             newton, data = wide @ newton @ wide, wide @ data @ wide
     spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)
     claimed, least = (float(np.sum(np.diag(one)[counted])) for one in (spread.covariance, own.covariance))
-    excess = max(1.0, claimed / max(least, 1e-300))
-    return Claim(objective, evaluated, weakened, likely, spread, excess)
+    return Claim(objective, evaluated, weakened, likely, spread, excess=max(1.0, claimed / max(least, 1e-300)))
 
 
 def _of_data(

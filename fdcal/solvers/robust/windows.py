@@ -433,5 +433,4 @@ def _dispersion(
     here = replace(likelihood, dispersion=1.0).terms(field, free_parameters(field, axes, channels, spectrum))
     (values, vectors), scores = np.linalg.eigh(here.fisher), here.scores - here.scores.mean(axis=0)
     kept = values > ZERO * values[-1]
-    squares = np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0)
-    return max(1.0, float((squares / values[kept]).mean()))
+    return max(1.0, float((np.sum(np.asarray(scores @ vectors[:, kept]) ** 2, axis=0) / values[kept]).mean()))
