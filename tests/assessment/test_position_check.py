@@ -97,10 +97,9 @@ def test_the_list_of_another_array_fits_in_no_order(array):
         assert "no channels are swapped" not in text and "another array" in text
 
 
-@pytest.mark.parametrize(
-    ("array", "factor", "unit"),
-    [("plane16", 100.0, "centimetres"), ("space32", 1000.0, "millimetres"), ("plane in space", 1.3, None)],
-)
+@pytest.mark.parametrize(("array", "factor", "unit"), [
+    ("plane16", 100.0, "centimetres"), ("space32", 1000.0, "millimetres"), ("plane in space", 1.3, None),
+])  # fmt: skip
 def test_a_list_of_another_size_is_still_matched(array, factor, unit):
     places = ARRAYS[array](1)
     wanted = np.roll(np.arange(len(places)), 2)

@@ -198,9 +198,8 @@ def test_a_blind_array_keeps_its_domain_only_if_this_lies_round_its_true_positio
 # Lengths are written without exponents; lengths from one metre on are written in metres.
 
 
-@pytest.mark.parametrize(
-    ("length", "digits", "text"),
-    [(0.0, 3, "0 mm"), (0.00413, 3, "4.13 mm"), (0.0996, 2, "100 mm"), (1.164, 3, "1.16 m"), (23214.6, 2, "23215 m")],
-)
+@pytest.mark.parametrize(("length", "digits", "text"), [
+    (0.0, 3, "0 mm"), (0.00413, 3, "4.13 mm"), (0.0996, 2, "100 mm"), (1.164, 3, "1.16 m"), (23214.6, 2, "23215 m"),
+])  # fmt: skip
 def test_lengths_have_no_exponent(length, digits, text):
     assert length_text(length, digits) == text

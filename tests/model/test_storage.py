@@ -63,12 +63,11 @@ def test_a_number_of_5000_digits_is_refused(number, tmp_path):
     assert len(shown("x" * 10_000)) == 60
 
 
-@pytest.mark.parametrize(
-    ("name", "read"),
-    [("zero.toml", load_scene), ("zero.json", load_result), ("zero.csv", read_places), ("zero.xml", read_positions)]
-    + [("zero.npz", load_measurement), ("zero.wav", formats.read), ("zero.h5", formats.read)]
-    + [("zero.sofa", formats.read), ("zero.mat", formats.read), ("zero.zip", session_file.read)],
-)
+@pytest.mark.parametrize(("name", "read"), [
+    ("zero.toml", load_scene), ("zero.json", load_result), ("zero.csv", read_places), ("zero.xml", read_positions),
+    ("zero.npz", load_measurement), ("zero.wav", formats.read), ("zero.h5", formats.read),
+    ("zero.sofa", formats.read), ("zero.mat", formats.read), ("zero.zip", session_file.read),
+])  # fmt: skip
 def test_neither_a_device_without_end_nor_a_pipe_nor_a_loop_of_links_is_read(name, read, tmp_path):
     path = tmp_path / name
     for make in (lambda: path.symlink_to("/dev/zero"), lambda: os.mkfifo(path)):
@@ -110,11 +109,9 @@ def test_arrays_that_are_not_compressed_may_be_larger_than_that(tmp_path, monkey
         load_archive(file, lambda key: True)
 
 
-@pytest.mark.parametrize(
-    ("key", "read"),
-    [("pressures", load_measurement), ("names", load_measurement), ("sound_speed", load_measurement),
-     ("recordings", formats.read)],
-)  # fmt: skip
+@pytest.mark.parametrize(("key", "read"), [
+    *((key, load_measurement) for key in ("pressures", "names", "sound_speed")), ("recordings", formats.read),
+])  # fmt: skip
 def test_a_member_that_is_no_array_is_refused(key, read, tmp_path):
     with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
         for other in ("frequencies", "pressures", "sound_speed", "dimension") if read is load_measurement else ():

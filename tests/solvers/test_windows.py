@@ -202,10 +202,9 @@ def test_arrivals_of_six_takes_are_not_outweighed():
     assert cost(end)[0] < minimize(cost, end.ravel(), jac=True).fun + chi2.isf(0.0027, 13) / 2
 
 
-@pytest.mark.parametrize(
-    ("count", "height", "dead"),
-    [(8, 0.0, False), (8, 0.06, False), (8, 0.0, True), (40, 0.0, False), (40, 0.06, False)],
-)
+@pytest.mark.parametrize(("count", "height", "dead"), [
+    (8, 0.0, False), (8, 0.06, False), (8, 0.0, True), (40, 0.0, False), (40, 0.06, False),
+])  # fmt: skip
 def test_an_array_is_flat_where_its_windows_show_no_heights(count, height, dead):
     """The windows are drawn from the model: microphones on a tilted plane, or up to 60 mm above it."""
     rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
