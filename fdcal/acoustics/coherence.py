@@ -60,7 +60,7 @@ def squared_coherence(spectra: np.ndarray) -> np.ndarray:
 
     spectra : (F, W, N), of W windows; the squared coherence of independent channels is about 1 / W
     """
-    cross = spectra.swapaxes(1, 2) @ np.conj(spectra)
+    cross = (spectra.swapaxes(1, 2) @ np.conj(spectra)).astype(complex)  # its square exceeds the range of complex64
     power = np.real(np.diagonal(cross, axis1=1, axis2=2))
     squared = np.abs(cross) ** 2 / np.maximum(power[:, :, None] * power[:, None], np.finfo(power.dtype).tiny)
     return squared * (1 - np.eye(spectra.shape[2]))

@@ -45,7 +45,7 @@ class ArrivalRules:
     # `a` of the equation above. With a = 1, sigma would be 1.1 mm where the errors are 0.3 mm (rooms of image sources),
     # and 1.3 mm where they are 0.4 mm (a measured array)
     shifted: float = 0.4
-    min_sigma: float = 3e-4  # least one sigma of an arrival, as a path length in metres
+    min_sigma: float = 3e-4  # least sigma of an arrival, as a path length in metres
     speed: float = 343.0  # m/s; `min_sigma` divided by it is a time
 
 

@@ -282,7 +282,7 @@ def exclude_channels(recording: Recording, names: Sequence[str], bad: Sequence[i
     left = np.setdiff1d(np.arange(recording.count), [*excluded, *bad])
     if not len(left):
         why = ": each is silent, clipped or a copy" if len(bad) == recording.count else ""
-        raise InputError(f"leave_out leaves no channel{why}", "record again", key="leave_out")
+        raise InputError(f"leave_out leaves no channel{why}", "record again" if why else "name fewer", key="leave_out")
     return select_channels(recording, left)
 
 

@@ -82,7 +82,7 @@ def decimate(recording: Recording, highest: float, settings: DecimationSettings 
 class SegmentSettings:
     """How a recording is divided into segments over which cross-spectra are averaged."""
 
-    min_count: int = 15  # least number of segments of which a mean is taken
+    count: int = 15  # number of segments of which a mean is taken, unless the limits of their duration change it
     # min_duration, max_duration: of a segment, seconds
     min_duration: float = 0.5
     max_duration: float = 8.0
@@ -115,19 +115,21 @@ def stationary_pressures(
     length, starts = segments(recording, band)
     fs = recording.sample_rate
     first, last = max(2, int(np.ceil(band[0] * length / fs))), int(np.floor(band[1] * length / fs))
+    if last - first < 2:
+        problem = f"{recording.path}: segments of {length / fs:.3g} s are too short for {band[0]:g} to {band[1]:g} Hz"
+        raise InputError(problem, "widen <frequencies>", key="frequencies")
     total = np.zeros((recording.count, last - first + 1))
     for bare in _bare_spectra(recording, length, starts, first - 1, last + 1):
         total += np.abs(bare[:, 1:-1] / 2 - (bare[:, :-2] + bare[:, 2:]) / 4) ** 2
     grid, powers = np.arange(first, last + 1) * fs / length, total / len(starts)
-    window = 2 * recording.sample_rate / length
+    window = 2 * fs / length
     spacing = room_spacing(powers, window)
-    power = powers.mean(axis=0)
     spare = max(20, min(2 * max_rows, SEGMENTS.max_matrix // recording.count**2))  # some will be too noisy
-    chosen = choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
-    number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
+    chosen = choose_frequencies(grid, powers.mean(axis=0), np.zeros(len(grid)), spacing.step, spare)
+    number = np.round(grid[chosen] * length / fs).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = SEGMENTS.independence * len(starts)
-    leakage = LEAKAGE * (recording.sample_rate / length / spacing.decorrelation) ** 2
+    leakage = LEAKAGE * (fs / length / spacing.decorrelation) ** 2
     row, p, noise, snr = eigenvectors(C, independent, leakage)
     keep = np.flatnonzero(snr * independent >= 10 ** (MIN_SNR / 10))
     if not len(keep):
@@ -135,7 +137,7 @@ def stationary_pressures(
         raise NothingAboveNoise(problem, "record one source only, louder than the noise")
     f = seen[row]
     rows = _within(row, keep[np.argsort(-snr[keep], kind="stable")], seen, band, max_rows, 0.25 * window)
-    how = f"eigenvectors of the mean over {len(starts)} segments of {length / recording.sample_rate:.3g} s"
+    how = f"eigenvectors of the mean over {len(starts)} segments of {length / fs:.3g} s"
     k = 2 * np.pi * f[rows] / sound_speed
     return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)
 
@@ -159,11 +161,12 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, max_rows:
 def segments(recording: Recording, band: Band) -> tuple[int, np.ndarray]:
     """Return the length of a segment and the samples at which the segments start, half overlapping."""
     fs = recording.sample_rate
-    wanted = np.clip(2 * recording.duration / (SEGMENTS.min_count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
+    wanted = np.clip(2 * recording.duration / (SEGMENTS.count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
     length = fast_length(int(min(wanted * fs, SEGMENTS.max_samples / recording.count)))
-    if length / fs < 4 / band[0] or recording.samples < 4 * length:
+    # A recording of `min_duration` may be shorter than 4 segments, whose lengths are rounded.
+    if length / fs < 3.9 / band[0] or recording.duration < 0.99 * min_duration(band[0]):
         problem = f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz"
-        least = max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count
+        least = max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.count
         raise InputError(problem, f"record {least:.0f} s or more; for an impulse response, give <kind> impulse")
     starts = np.arange(0, recording.samples - length + 1, length // 2)
     if len(starts) > SEGMENTS.max_count:

@@ -214,16 +214,17 @@ def frequency_band(recording: Recording, options: ImportOptions, found: Frequenc
     else:
         low, high = given_band(recording, "frequencies", options.frequencies)
     if found.limit is not None and found.limit <= low and not found.estimated:
-        problem = (
-            f"{recording.path}: {recording.count} microphones in a radius of {found.radius:.3g} m interpolate up to"
-        )
-        remedy = "give positions in metres, not in centimetres, millimetres or degrees"
-        problem += f" {found.limit:.3g} Hz only, but the band begins at {low:g} Hz"
+        problem = f"{recording.path}: {recording.count} microphones in a radius of {found.radius:.3g} m interpolate"
+        what = "positions" if options.array_radius is None else "<array_radius>"
+        remedy = f"give {what} in metres, not in centimetres, millimetres or degrees"
+        problem += f" up to {found.limit:.3g} Hz only, but the band begins at {low:g} Hz"
         raise InputError(problem, remedy, key="frequencies")
     if options.frequencies == "auto" and found.estimated and high <= low:
         problem = f"{recording.path}: its channels are coherent up to {high:.3g} Hz; the band begins at {low:.3g} Hz"
         remedy = "check that all channels record the same sound together, or give <array_radius> or <frequencies>"
         raise InputError(problem, remedy, key="frequencies")
     if not low < high:
-        given_band(recording, "frequencies", f"{low:g}:{high:g}")  # raises InputError
+        problem = f"{recording.path}: the lowest frequency of the default band, {low:.3g} Hz, is above the highest one,"
+        problem += f" {high:.3g} Hz, for its length of {recording.duration:.3g} s and this radius of the array"
+        raise InputError(problem, "record longer, or give <frequencies>", key="frequencies")
     return low, high

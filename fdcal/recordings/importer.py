@@ -135,10 +135,10 @@ def join_channels(files: Sequence[Recording]) -> Recording:
         values = [getattr(one, key) for one in files]
         return values[0] if all(value == values[0] for value in values) else None
 
-    # Each channel is named after its file, with its folder where files have the same name.
-    stems = [Path(one.path).stem for one in files]
-    if len(set(stems)) < len(stems):
-        stems = [f"{Path(one.path).parent.name}/{stem}" for one, stem in zip(files, stems, strict=True)]
+    # Each channel is named after its file, with its folder or its whole path where files have the same name.
+    ways = (lambda path: path.stem, lambda path: f"{path.parent.name}/{path.stem}", str)
+    tried = ([way(Path(one.path)) for one in files] for way in ways)
+    stems = next(stems for stems in tried if len(set(stems)) == len(stems))
     pairs = zip(files, stems, strict=True)
     names = tuple(stem if one.count == 1 else f"{stem}.{name}" for one, stem in pairs for name in one.names)
     placed = [one.positions for one in files if one.positions is not None]
@@ -154,6 +154,7 @@ def join_channels(files: Sequence[Recording]) -> Recording:
         positions=np.concatenate(placed) if len(placed) == len(files) else None,
         sound_speed=common("sound_speed"),
         full_scale=common("full_scale"),
+        lowest=max(one.lowest for one in files),
     )
 
 
@@ -171,11 +172,10 @@ def split(recording: Recording, seconds: float, min_seconds: float) -> list[Reco
         longest = np.floor(99 * min(recording.duration / 1.5, recording.duration - min_seconds)) / 100
         remedy = f"use {longest:g} s or less" if longest >= min_seconds else "leave out <split>"
         raise InputError(problem, remedy, key="split")
-    fs = recording.sample_rate
     return [
         replace(
             recording,
-            path=f"{recording.path}, {first / fs:.4g} to {last / fs:.4g} s",
+            path=f"{recording.path}, {first / recording.sample_rate:.4g} to {last / recording.sample_rate:.4g} s",
             kind="stationary",
             samples=last - first,
             block=lambda start, stop, channels, at=first: recording.block(at + start, at + stop, channels),
@@ -290,7 +290,7 @@ def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[
     chosen = list(recordings)
     if options.subset is not None:
         chosen = [select.select_subset(one, options.subset) for one in chosen]
-    if listed:  # before any sample is read, since samples of these channels may not be numbers
+    if listed:  # before the samples are checked, since those of these channels may not be numbers
         chosen = [select.exclude_channels(one, listed) for one in chosen]
     health = list(parallel_map(select.inspect_channels, chosen, len(chosen) > 1, "takes"))
     if "bad" not in parts:
@@ -321,8 +321,9 @@ def _in_plane(
     if wanted is None and not (level and every):  # some heights differ or are unknown
         return recording, known_positions, None
     if not level:
-        problem = f"array_dimension = 2 needs microphones of one height, but theirs differ by {np.ptp(heights):.3g} m"
-        raise InputError(problem, "choose them with <subset> I,J,...", key="array_dimension")
+        key = "dimension" if options.dimension == 2 else "array_dimension"
+        problem = f"{key} = 2 needs microphones of one height, but theirs differ by {np.ptp(heights):.3g} m"
+        raise InputError(problem, "choose them with <subset> I,J,...", key=key)
     if recording.positions is not None:
         recording = replace(recording, positions=recording.positions[:, :2])
     height = None if options.dimension == 2 else float(heights.mean())

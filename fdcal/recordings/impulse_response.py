@@ -365,8 +365,7 @@ def deconvolve(recording: Recording, reference: Recording, band: Band) -> tuple[
     if inverse is None:
         problem = f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz"
         raise InputError(problem, "choose another band: <frequencies>", key="frequencies")
-    lead = int(DECONVOLUTION.lead * fs)
-    length = min(int(DECONVOLUTION.length * fs), padded)
+    lead, length = int(DECONVOLUTION.lead * fs), min(int(DECONVOLUTION.length * fs), padded)
     responses, outside = np.empty((recording.count, length)), np.zeros(padded // 2 + 1)
     for channels, values in channel_groups(recording):
         for n, row in zip(channels, values, strict=True):

@@ -23,7 +23,7 @@ Kind = Literal["impulse", "stationary"]
 KINDS = get_args(Kind)
 CALLED = {"sample_rate": "sampling rate", "count": "channels", "samples": "samples a channel"}  # words for messages
 ZERO_CELSIUS = 273.15  # K
-GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
+GROUP_SAMPLES = 16_000_000  # samples read at a time: 128 MB as float64; `in_memory` keeps up to four times as many
 BLOCK_SAMPLES = GROUP_SAMPLES // 4  # number of samples of a block of all channels
 RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
 
@@ -171,7 +171,8 @@ class ImportOptions:
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     max_rows : int or None
-        Largest number of rows of all takes together, where a row is one frequency of one take; by default that of
+        Largest number of rows of all takes together; each take has one at least. A row is one pressure of every
+        microphone at one frequency of one take. The default is that of
         `fdcal.recordings.frequencies.default_max_rows`.
     temperature : float or None
         Air temperature, degrees Celsius, from which the sound speed follows.

@@ -97,8 +97,9 @@ def sound_card(channels: int | None = None, rate: float | None = None, device: s
     except (sd.PortAudioError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        what = "there is no sound card with inputs" if device is None else f'no sound card "{device}" can record this'
-        raise InputError(f"{what} ({error})", f"connect it, {REPLAY}", key="device") from error
+        which = "with inputs" if device is None else f'"{device}"'
+        remedy = f"{'give another <rate>' if rate else 'connect it'}, {REPLAY}"
+        raise InputError(f"no sound card {which} can record this ({error})", remedy, key="device") from error
 
     def blocks() -> Generator[Block, None, None]:
         arrived: queue.SimpleQueue[Block] = queue.SimpleQueue()  # integers, since a float may be NaN

@@ -482,8 +482,7 @@ def clipped(samples, subtype: str, path: Path) -> list[int]:
 
 def test_clipped_peaks_are_found_even_if_they_are_short(tmp_path):
     # White noise hardly ever exceeds the limit in two neighbouring samples.
-    noise = 0.1 * np.random.default_rng(0).standard_normal((4, 20_000))
-    over = noise.copy()
+    over = 0.1 * np.random.default_rng(0).standard_normal((4, 20_000))
     over[1] *= 3
     assert np.sum(np.abs(over[1]) > 1) > 10
     loud = np.clip(over, -1, 1)

@@ -104,7 +104,7 @@ def test_a_take_that_is_stopped_or_whose_card_fails_keeps_what_was_recorded(card
 def test_a_card_that_is_connected_later_is_found(card):
     module = card(noise())
     module.connected = False
-    refuses("there is no sound card with inputs", take.sound_card)
+    refuses("no sound card with inputs can record this", take.sound_card)
     module.connected = True
     assert take.sound_card().name == "simulated"
 
@@ -127,7 +127,7 @@ def test_a_take_keeps_an_existing_file_and_what_a_wav_file_cannot_hold_is_refuse
 @pytest.mark.parametrize(("arguments", "problem"), [
     ({"channels": 9}, "has 4 inputs, not 9; give fewer channels"),
     ({"device": "nowhere"}, 'no sound card "nowhere" can record this'),
-    ({"rate": 1e6}, "there is no sound card with inputs .Invalid sample rate"),
+    ({"rate": 1e6}, "can record this .Invalid sample rate.*give another rate"),
 ])  # fmt: skip
 def test_what_a_card_cannot_do_is_one_line(card, arguments, problem):
     card(noise())

@@ -95,6 +95,9 @@ def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path)
     refuses(r"have 6 and 10 channels.*channels for one take", fdcal.load, files)
     joined = fdcal.load(files, files="channels", **GIVEN)
     assert joined.names[5:7] == ("left.5", "right.0") and joined.count == COUNT
+    soundfile.write(tmp_path / "left.w64", samples[6:].T, FS, subtype="FLOAT")
+    twins = fdcal.load([files[0], tmp_path / "left.w64"], files="channels", **GIVEN).names
+    assert twins[5:7] == (f"{files[0]}.5", f"{tmp_path / 'left.w64'}.0"), "files of the same name"
 
 
 def test_measurements_of_several_files_are_takes(folder, tmp_path):
@@ -127,6 +130,7 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
     measurement, report = import_recording(path, ImportOptions(**GIVEN, split=8.0))
     assert measurement.take_count == 2 and "8 to 16 s" in report.skipped[0]
+    assert import_recording(path, ImportOptions(**GIVEN, split=2.0))[0].take_count == 8, "the least that is suggested"
     assert all(text in import_summary(measurement, report) for text in ("skipped", "16 to 24 s"))
 
 
@@ -138,6 +142,7 @@ def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
     (["take0.wav", "single/mic00.wav", "--takes"], "give takes of one array, or --channels"),
     (["single/mic00.wav"], "give the files of all channels"), (["take0.wav", "slow.wav"], "convert one of them"),
     (["single/mic00.wav", "short.wav"], "give channels of one take"),
+    (["still.wav", "--frequencies", "100.1:100.2"], "too short for 100.1 to 100.2 Hz; widen --frequencies"),
     (["left.wav", "right.wav"], "give --channels if several recorders recorded one take"),
 ])  # fmt: skip
 def test_files_that_do_not_fit_are_refused_in_one_line(options, words, folder, tmp_path, refused):

@@ -126,6 +126,7 @@ def test_many_channels_have_windows_at_fewer_frequencies_unless_they_are_sought_
     assert short_windows(recording, "stationary", ImportOptions(array_dimension=3)) is None
     many = short_windows(recording, "stationary", ImportOptions())
     assert many is not None and len(many.frequencies) < len(few.frequencies)
+    assert np.array_equal(windows_of(2.0**31 * samples[:8]).pressures, few.pressures), "whole numbers of 32 bits"
 
 
 @pytest.mark.parametrize("beyond", ["noise", "images"])
