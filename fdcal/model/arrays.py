@@ -50,10 +50,8 @@ def positions_of(scene: Scene) -> np.ndarray:
         beyond[list(known)] = False  # a known microphone is never searched for
         if beyond.any():
             n = int(np.argmax(beyond))
-            problem = (
-                f"microphone {n} at {point_text(positions[n])} lies outside the search domain {point_text(low)} to"
-                f" {point_text(high)} and could never be found"
-            )
+            problem = f"microphone {n} at {point_text(positions[n])} lies outside the search domain"
+            problem += f" {point_text(low)} to {point_text(high)} and could never be found"
             raise InputError(problem, "change search.origin or search.size", key="search.origin")
     return frozen_array(positions, float)
 

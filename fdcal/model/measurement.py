@@ -236,13 +236,13 @@ class Measurement:
         [0, 1, 3]
         """
         require_choice("time_convention", time_convention, ("exp(+jwt)", "exp(-jwt)"))
-        pressures = np.asarray(pressures)
-        places = list(known.values()) if isinstance(known, Mapping) else ()
-        columns = np.shape(places if positions is None else positions)[1:]
+        places, columns = list(known.values()) if isinstance(known, Mapping) else (), ()
+        with contextlib.suppress(ValueError):  # rows of different lengths are refused below
+            columns = np.shape(places if positions is None else positions)[1:]
         given = {"array_dimension": columns[0] if columns else None, "positions": positions}
         given["names"] = None if names is None else list(names)
-        pressures = pressures.conj() if time_convention == "exp(-jwt)" else pressures
         made = cls(frequencies, pressures, sound_speed, dimension, **given | others)
+        made = replace(made, pressures=made.pressures.conj()) if time_convention == "exp(-jwt)" else made
         return made if known is None or not len(known) else with_known(made, known)
 
     @classmethod
@@ -534,10 +534,8 @@ def _require_usable(measurement: Measurement) -> None:
     # With other signs a wave would travel backwards or grow with time.
     wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
     if len(wrong):
-        problem = (
-            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and an imaginary part"
-            " of zero, or below zero for a wave that decays: the time sign is exp(+j w t)"
-        )
+        problem = f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and an imaginary"
+        problem += " part of zero, or below zero for a wave that decays: the time sign is exp(+j w t)"
         remedy = "with the other time sign give the conjugates of wavenumbers and pressures"
         raise InputError(problem, remedy, key="wavenumbers")
     # Wavenumbers far from 2 pi f / c are mistakes.
@@ -545,10 +543,8 @@ def _require_usable(measurement: Measurement) -> None:
     wrong = np.flatnonzero(np.abs(np.log(np.abs(k) / usual)) > np.log(LIMITS.dispersion))
     if len(wrong):
         m = wrong[0]
-        problem = (
-            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {f[m]:g} Hz with sound_speed ="
-            f" {measurement.sound_speed:g} m/s, where 2 pi f / c = {usual[m]:.6g} rad/m"
-        )
+        problem = f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {f[m]:g} Hz with sound_speed ="
+        problem += f" {measurement.sound_speed:g} m/s, where 2 pi f / c = {usual[m]:.6g} rad/m"
         raise InputError(problem, "correct them, or leave them out", key="wavenumbers")
     silent = np.flatnonzero(~np.any(values, axis=0))
     if len(silent):
@@ -578,30 +574,33 @@ def _require_usable(measurement: Measurement) -> None:
 def exclude_microphones(table: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
     """Return a table with keys of a measurement without the microphones `chosen`, given by name or else by number.
 
-    Keys may be missing or None. The other microphones keep their names, or get their old numbers as names.
+    Keys may be missing or None. The other microphones keep their names, or get their old numbers as names. What does
+    not fit the pressures stays as it is, and the checks of `Measurement` refuse it.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
         return table
     count = pressures.shape[1]
     names = table.get("names")
-    names = [str(n) for n in range(count)] if names is None else [str(name) for name in names]
+    names = [str(n) for n in range(count)] if names is None else [str(name) for name in np.ravel(names)]
+    if len(names) != count:
+        return table
     left_out = {microphone_index(text, names, "exclude") for text in chosen}
     kept = np.array([n for n in range(count) if n not in left_out], dtype=np.int64)
     changed = dict(table, names=tuple(names[n] for n in kept))
     for key, axis in (("pressures", 1), ("positions", 0), ("arrivals", 1)):
         values: Any = table.get(key)
-        if np.shape(values)[axis : axis + 1] == (count,):  # the checks of `Measurement` refuse other shapes
+        if np.shape(values)[axis : axis + 1] == (count,):
             changed[key] = np.take(values, kept, axis)
     windows = table.get("windows")
     if windows is not None and windows.pressures.shape[2] == count:
         changed["windows"] = windows.of_microphones(kept)
-    if table.get("known") is not None:
-        known = np.asarray(table["known"])
+    known, places = np.asarray(table.get("known")), table.get("known_positions")
+    fits = known.ndim == 1 and known.dtype.kind in "iu" and set(known.tolist()) <= set(range(count))
+    if fits and (places is None or np.shape(places)[:1] == known.shape):
         stays = np.isin(known, kept)
         changed["known"] = np.searchsorted(kept, known[stays])
-        if table.get("known_positions") is not None:
-            changed["known_positions"] = np.asarray(table["known_positions"])[stays]
+        changed["known_positions"] = None if places is None else np.asarray(places)[stays]
     return changed
 
 

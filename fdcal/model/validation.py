@@ -234,8 +234,8 @@ def require_finite(key: str, values: Any) -> None:
     """Raise InputError if any entry of `values` is NaN or infinite."""
     bad = np.argwhere(~np.isfinite(np.asarray(values)))
     if len(bad):
-        index = tuple(int(i) for i in bad[0])
-        raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
+        index = bad[0].tolist() or ""  # "" for a single number
+        raise InputError(f"{key}{index} is not a finite number", "correct or remove that entry", key=key)
 
 
 def require_point(key: str, values: Any, lengths: tuple[int, ...]) -> None:
@@ -298,7 +298,7 @@ def refused(key: str, value: object, kind: Any) -> InputError:
         choices = ", ".join(map(str, typing.get_args(bare)))
         return InputError(f'{key} = "{shown(value)}" is unknown', f"use one of {choices}", key=key)
     number = isinstance(value, Real) and not isinstance(value, (bool, np.bool_))
-    if meta is None or not number or (bare is int and not isinstance(value, Integral)):
+    if meta is None or not number or bare is str or (bare is int and not isinstance(value, Integral)):
         entries = typing.get_origin(bare) is tuple
         words = "a list" if entries else WORDS.get(bare, "another value")
         remedy = "write it as [1, 2]" if entries else f"give {words}"

@@ -117,6 +117,11 @@ def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words
         assert word in str(caught.value)
 
 
+@pytest.mark.parametrize("changes", [{"known_positions": POSITIONS[:2]}, {"known": [0, 99, 2]}, {"names": ["a"]}])
+def test_a_value_that_does_not_fit_is_refused_where_a_microphone_is_left_out(written, changes):
+    refuses(next(iter(changes)), lambda: model.load_measurement(written(**changes), ["3"]))
+
+
 def test_the_other_time_sign_is_refused(written):
     with np.load(written()) as archive:
         other = archive["wavenumbers"].conj()
@@ -148,6 +153,8 @@ def test_arrays_are_taken_as_they_are():
     np.testing.assert_array_equal(named.known_positions, PLACES[[0, 3]])
     for wrong, words in (
         ({"time_convention": "exp(+iwt)"}, "time_convention"),
+        ({"positions": [[0, 0], [1]]}, "different lengths"),
+        ({"known": {"0": (0, 0, 0), "1": (1, 0)}}, "known has shape"),
         ({"names": list("abcde"), "known": {"f": PLACES[0]}}, "is not the name of a microphone"),
     ):
         refuses(words, from_arrays, **wrong)
@@ -184,7 +191,6 @@ def test_joined_takes_keep_their_spectra_and_their_wavenumbers_follow_the_sound_
     assert joined.spectrum.shape == (3, 27), "on the finest frequency grid"
     for level, one in enumerate((joined.of_take(0), joined.of_take(1)), 1):
         np.testing.assert_allclose(one.spectrum[1], level * one.spectrum[0])
-        faster = replace(one, sound_speed=350.0)
-        np.testing.assert_allclose(faster.wavenumbers, 2 * np.pi * one.frequencies / 350.0)
+        np.testing.assert_allclose(replace(one, sound_speed=350.0).wavenumbers, 2 * np.pi * one.frequencies / 350.0)
     assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
     refuses("spectrum needs ascending", lambda: replace(joined, spectrum=np.ones((4, 5)) * np.arange(5)))

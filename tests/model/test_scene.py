@@ -65,6 +65,7 @@ RANGES = [  # each case changes one key
         ({"measurement.highest": "1600.0"}, ["measurement.highest = 1600 Hz", "source.high = 1500 Hz"]),
         ({"solver.modes": "2"}, ["solver.first_modes = 3", "solver.modes = 2", "lower it"]),
         ({"solver": "3"}, ["not valid TOML"]),
+        ({"solver.noise": "20"}, ["solver.noise = 20 must be a text"]),
         ({"faults.dead": "[16]"}, ["faults.dead"]),
         ({"faults.inverted": "[3]", "faults.dead": "[3]"}, ["faults.inverted and faults.dead name 3"]),
         ({"faults.gain_db": "-1.0"}, ["faults.gain_db"]),
