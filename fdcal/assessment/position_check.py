@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.gauge import align
-from ..model.validation import InputError, frozen_array, require_finite
+from ..model.validation import InputError, frozen_array, require_array
 from .calibration import Calibration
 
 
@@ -242,7 +242,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     Raises
     ------
     InputError
-        The two have different shapes, or a value is not finite.
+        The two have different shapes or are no tables of numbers, or a value is not finite.
 
     Examples
     --------
@@ -251,12 +251,10 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     >>> fdcal.compare_positions([given[n] for n in (0, 1, 3, 2, 4)], given, known=[0, 1, 4]).swapped
     ((2, 3),)
     """
-    found, given = np.asarray(found, float), np.asarray(given, float)
+    found, given = (require_array(*one, "real", (None, None), "m") for one in (("found", found), ("given", given)))
     if found.shape != given.shape:
         problem = f"the result has positions of shape {found.shape}, the measurement {given.shape}"
         raise InputError(problem, "use the result of this measurement", key="result")
-    require_finite("found", found)
-    require_finite("given", given)
     if len(found) <= found.shape[1]:
         return _checked(found if len(known) else align(found, given), given, np.arange(len(found)))
     free = _free(found, given)

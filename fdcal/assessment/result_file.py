@@ -283,6 +283,7 @@ def _checked(content: dict, where: str) -> ResultTable:
     absent = [RENAMED[name] for name in CHANNEL_NUMBERS if getattr(table, name) is None]
     if 0 < len(absent) < len(CHANNEL_NUMBERS):
         require(False, absent[0], *missing)
+    require(len({*(table.names or ())}) == len(table.names or ()), "names", "has a name twice")
     given = table.given or ()
     for key, rows in (("faulty_channel_details", table.faults or ()), ("given_positions", given)):
         right = table.names is None or {row.name for row in rows} <= {*table.names}

@@ -131,8 +131,7 @@ def test_half_of_the_channels_without_signal_are_named_and_the_verdict_counts_th
 
 
 def test_few_faulty_channels_of_a_small_array_are_too_many_whether_or_not_half_of_them_are_noisy():
-    known = [0, 3, 6, 8]
-    small = solved(measured(disc(10, 0.3, 3, (2.6, 2.3)), np.array(known), snr_db=40.0, modes=MODES)).estimate
+    small = solved(measured(disc(10, 0.3, 3, (2.6, 2.3)), np.array([0, 3, 6, 8]), snr_db=40.0, modes=MODES)).estimate
     noise, gains = np.array(small.channels.noise), np.array(small.channels.gains)
     noise[[1, 2]], gains[[4, 5], 1] = 1e4, np.pi
     found = assess(replace(small, channels=replace(small.channels, noise=noise, gains=gains)))

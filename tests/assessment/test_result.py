@@ -104,8 +104,8 @@ MALFORMED = {  # refused values of a key, in a file with the required keys only,
     },
     "newer": {
         "uncertainty_m": [[0.1], [0.1, math.nan], [0.1, True]], "known": [None, "a"], "residual_to_noise": [None],
-        "verdict": [4], "sound_speed": [math.inf], "names": ["a,b", ["a"]], "excluded": [[3]], "aligned": [1],
-        "covariance_m2": [[[[1.0]], [[2.0]]]],
+        "verdict": [4], "sound_speed": [math.inf], "names": ["a,b", ["a"], ["a", "a"]], "excluded": [[3]],
+        "aligned": [1], "covariance_m2": [[[[1.0]], [[2.0]]]],
     },
     "full": {
         "given_positions": [
@@ -232,8 +232,7 @@ def test_a_frame_keeps_distances_and_depends_on_nothing_but_them(seed, dimension
     placed = in_frame(positions, frame)
     assert np.allclose(pdist(placed), pdist(positions))
     if frame != "known":
-        moved = positions @ turn(seed + 7, dimension) + 3.0
-        assert np.allclose(in_frame(moved, frame), placed, atol=1e-6)
+        assert np.allclose(in_frame(positions @ turn(seed + 7, dimension) + 3.0, frame), placed, atol=1e-6)
     if frame == "minimal":
         for axis in range(dimension):
             assert np.allclose(placed[axis, axis:], 0) and placed[axis + 1, axis] > 0

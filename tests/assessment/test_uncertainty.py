@@ -100,8 +100,7 @@ def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_oth
         assert np.all(np.delete(more, KNOWN) > np.delete(sigma, KNOWN)) and np.mean(more) > 2.5 * np.mean(sigma)
     step = np.zeros_like(known.positions)
     step[3] = [0.01, -0.02]
-    moving = replace(known, spread=replace(known.spread, step=step))
-    added = (covariance_of(moving) - covariance_of(known))[3]
+    added = (covariance_of(replace(known, spread=replace(known.spread, step=step))) - covariance_of(known))[3]
     np.testing.assert_allclose(added, np.outer(step[3], step[3]), err_msg="the remaining step adds, too")
 
 
@@ -186,8 +185,7 @@ def linear_model(seed: int, blocks: int, scale: float) -> tuple[float, float]:
     P = np.linalg.inv(parts.sum(axis=0))
     x = P @ np.einsum("bij,bi->j", A, y)
     gradients = -np.einsum("bij,bi->bj", A, y - A @ x)
-    error = float(np.sum((x - truth) ** 2) / np.trace(P))
-    return error, sandwich(P, gradients, parts, np.eye(2))
+    return float(np.sum((x - truth) ** 2) / np.trace(P)), sandwich(P, gradients, parts, np.eye(2))
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
