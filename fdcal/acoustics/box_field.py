@@ -104,7 +104,7 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
 
     `source` is (3,) and `positions` (N, 3), metres; in a rectangle they are (2,) and (N, 2), and the pressures are
     dimensionless. `wavenumbers` (M,), rad/m, have a negative imaginary part unless the walls absorb. Terms are omitted
-    once they have decayed by `nepers`. Raises InputError for a microphone too close to the source.
+    once they have decayed by `nepers`. Raises InputError for a sum of too many terms.
     """
     positions, source = np.asarray(positions, float), np.asarray(source, float)
     D = len(source)
@@ -124,8 +124,8 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
         counts = math.hypot(reach, float(np.abs(k).max())) * lengths[:-1] / np.pi
         if np.prod(counts + 1) > MAX_TERMS:
             nearest = group[apart[group, axis].argmin()]
-            problem = f"source.position is too close to microphone {nearest} for a sum over modes"
-            raise InputError(problem, "move it further away", key="source.position")
+            problem = f"source.position is too close to microphone {nearest}, or room.size too large, for a modal sum"
+            raise InputError(problem, "move it, or lower measurement.highest", key="source.position")
         numbers = np.meshgrid(*(np.arange(math.ceil(count) + 1) for count in counts), indexing="ij")
         kept = sum((along / count) ** 2 for along, count in zip(numbers, counts, strict=True)) <= 1
         terms = tuple(along[kept] for along in numbers)
