@@ -4,7 +4,7 @@ The method does not need eigenfrequencies. Any frequency can be used, as long as
 Frequencies are chosen without regard to the level. At a peak of the level the pressure is at a maximum where the array
 stands, so that its gradient is small. If an array much smaller than the wavelength is calibrated with peaks alone, the
 result has 0.5 to 0.8 of its size. Two frequencies that are close carry the same information. With e(t) the energy of
-the response at time t and v its noise or, where that is less, the part that a model of the field cannot explain,
+the response at time t, and v its noise or the part that no model of the field explains, whichever is larger,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
     T    = sum e / (e + v)         the time during which the response exceeds v

@@ -55,7 +55,7 @@ class ImportReport:
     highest_frequency: float | None  # highest frequency that the array can interpolate, Hz
     radius: str  # radius of the array, which determines that frequency, and where it comes from, in words
     height: float | None = None  # common height of all given positions, metres; then the array is sought in this plane
-    # one report for each of several takes, () for a single take; the other fields describe the first take
+    # one report for each of several takes, () for a single take; the fields above describe the first take
     takes: tuple[ImportReport, ...] = ()
     flat: bool = False  # whether the short windows show that the array is flat, so that it is sought in a plane
     skipped: tuple[str, ...] = ()  # parts of a recording without sound above the noise
