@@ -71,8 +71,7 @@ def test_a_plane_wave_is_the_jacobi_anger_and_the_rayleigh_sum(k):
     W = dictionary.fourier_bessel(POINTS, k, 30, CENTRE)
     found = W @ plane_wave_coefficients(k, 0.7, 30, CENTRE)
     np.testing.assert_allclose(found, plane_wave(POINTS, k, 0.7), atol=1e-12)
-    W = dictionary.spherical_bessel(POINTS_3D, k, 22, CENTRE_3D)
-    found = W @ plane_wave_coefficients_3d(k, 22, CENTRE_3D)
+    found = dictionary.spherical_bessel(POINTS_3D, k, 22, CENTRE_3D) @ plane_wave_coefficients_3d(k, 22, CENTRE_3D)
     np.testing.assert_allclose(found, plane_wave_3d(POINTS_3D, k), atol=1e-12)
     np.testing.assert_allclose(
         dictionary.spherical_bessel(CENTRE_3D[None], k, 4, CENTRE_3D)[0], np.eye(25)[0], atol=1e-15
@@ -81,8 +80,7 @@ def test_a_plane_wave_is_the_jacobi_anger_and_the_rayleigh_sum(k):
 
 @pytest.mark.parametrize("k", WAVENUMBERS)
 def test_on_a_plane_the_odd_functions_vanish(k):
-    flat = np.column_stack([PLANE, np.full(len(PLANE), CENTRE_3D[2])])
-    W = dictionary.spherical_bessel(flat, k, 7, CENTRE_3D)
+    W = dictionary.spherical_bessel(np.column_stack([PLANE, np.full(len(PLANE), CENTRE_3D[2])]), k, 7, CENTRE_3D)
     l, m = dictionary.degrees(7)  # noqa: E741
     even = (l + m) % 2 == 0
     np.testing.assert_allclose(dictionary.spherical_bessel(PLANE, k, 7, CENTRE_3D[:2]), W[:, even], atol=1e-14)

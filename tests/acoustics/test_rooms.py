@@ -85,8 +85,7 @@ def images(places, source, size, k, sign, reach):
 def test_the_field_equals_the_sum_over_image_sources(walls, sign, k):
     """The sum over image sources uses no eigenfunction; images beyond `reach` contribute less than 1e-7."""
     expected = images(PLACES[:3], SOURCE, SIZE, k, sign, reach=45.0)
-    found = point_source_pressures(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    np.testing.assert_allclose(point_source_pressures(ROOMS[walls], SOURCE, PLACES[:3], [k])[0], expected, rtol=1e-6)
 
 
 def test_peaks_are_the_eigenfrequencies_of_the_room():

@@ -340,8 +340,7 @@ def test_the_disagreement_with_unused_positions_is_as_probable_as_it_says(blind)
     for _ in range(300):
         moved = blind.positions + (root @ rng.standard_normal(len(root))).reshape(-1, D)
         listed = blind.positions[KNOWN] + blind.given.expected_sigma * rng.standard_normal((len(KNOWN), D))
-        one = replace(blind, positions=moved)
-        drawn.append(_unused_agreement(one, dict(zip(KNOWN, listed, strict=True)), 1.0))
+        drawn.append(_unused_agreement(replace(blind, positions=moved), dict(zip(KNOWN, listed, strict=True)), 1.0))
     assert kstest(drawn, "uniform").pvalue > 1e-3
 
 

@@ -215,8 +215,7 @@ def written_room(tmp_path):
     """Function that writes the listening lab with another room: written_room('room = "hall.mat"') -> path."""
 
     def write(room: str):
-        text = (folder_of("scenes") / "listening_lab.toml").read_text(encoding="utf-8")
-        head, _, tables = text.partition("[array]")
+        head, _, tables = (folder_of("scenes") / "listening_lab.toml").read_text(encoding="utf-8").partition("[array]")
         lines = "".join(line for line in head.splitlines(keepends=True) if not line.startswith("room"))
         path = tmp_path / "own.toml"
         path.write_text(f"{lines}{room}\n[array]{tables}", encoding="utf-8")
@@ -260,8 +259,7 @@ def test_the_channels_are_those_of_all_takes(edited):
 
 def test_a_scene_with_one_place_is_the_same_with_either_key(edited):
     one = measure(of_places(edited, "[[1.58, 1.1]]", **{"measurement.snr_db": "20.0"}))
-    same = measure(load_scene(edited({"measurement.snr_db": "20.0"})))
-    np.testing.assert_array_equal(one.pressures, same.pressures)
+    np.testing.assert_array_equal(one.pressures, measure(load_scene(edited({"measurement.snr_db": "20.0"}))).pressures)
     assert one.take_count == 1
 
 
