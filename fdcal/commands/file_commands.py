@@ -1,6 +1,5 @@
 """Commands for recordings and files of other programs: `import`, `export`, `doctor` and `record`."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -152,7 +151,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
                     if known.get(n) != (fault := health.fault(n, names)):
                         known[n] = fault
                         tqdm.write(f"after {done:.1f} s: channel {names[n]} is {fault}")  # above the bar
-                        sys.stdout.flush()
+                        print(end="", flush=True)
                 return not interrupt.is_set()
 
             take = record_take(stream, path, seconds, watch, force)
