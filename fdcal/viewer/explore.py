@@ -347,7 +347,7 @@ class Explore:
         faulty = len(viewer.run.sought) - len(sought)
         error = state_error_words(measurement, None if errors is None else errors[sought], faulty)
         word = state_word(view.state, view.running, view.error, *([viewer.found.verdict] if viewer.found else ()))
-        word = ("Start of a new run" if view.count == 1 else "Moved by hand") if word == NOT_STARTED else word
+        word = ("Moved by hand" if view.index else "Start of a new run") if word == NOT_STARTED else word
         said = (": " if ";" in word else ", ").join(filter(None, (word, error)))
         return escape("; ".join(filter(None, (said, plane_words(measurement)))))
 
