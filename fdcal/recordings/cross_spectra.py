@@ -126,11 +126,9 @@ def stationary_pressures(
     spacing = room_spacing(powers, window)
     spare = max(20, min(2 * max_rows, SEGMENTS.max_matrix // recording.count**2))  # some will be too noisy
     chosen = choose_frequencies(grid, powers.mean(axis=0), np.zeros(len(grid)), spacing.step, spare)
-    number = np.round(grid[chosen] * length / fs).astype(int)
-    C, seen = cross_spectra(recording, number, length, starts)
+    C, seen = cross_spectra(recording, np.round(grid[chosen] * length / fs).astype(int), length, starts)
     independent = SEGMENTS.independence * len(starts)
-    leakage = LEAKAGE * (fs / length / spacing.decorrelation) ** 2
-    row, p, noise, snr = eigenvectors(C, independent, leakage)
+    row, p, noise, snr = eigenvectors(C, independent, LEAKAGE * (fs / length / spacing.decorrelation) ** 2)
     keep = np.flatnonzero(snr * independent >= 10 ** (MIN_SNR / 10))
     if not len(keep):
         problem = f"{recording.path}: no frequency from {band[0]:g} to {band[1]:g} Hz is coherent at the microphones"

@@ -118,8 +118,7 @@ def _rings_on(recording: Recording, band: Band, start: int, noise) -> bool:
     )
     if noise is not None:
         end = np.maximum(end, noise(f[inside]) * length)
-    chance = DECAY.false_alarm / max(1, np.sum(inside))
-    by_chance = fdtri(2 * len(channels), 2 * len(channels), 1 - chance) - 1
+    by_chance = fdtri(N := 2 * len(channels), N, 1 - DECAY.false_alarm / max(1, np.sum(inside))) - 1
     return bool(np.any(first - end > end * max(DECAY.max_loss * start / length, by_chance)))
 
 

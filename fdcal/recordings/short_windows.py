@@ -14,8 +14,8 @@ from .frequencies import given_band
 from .recording import IMPORT_LIMITS, ImportOptions, Recording, read_samples
 
 WINDOW = 0.03  # seconds, length of a window
-# Largest number of microphones of an array that is tested for being flat; more determine their heights by themselves.
-# If there are too many for the windows in space, TESTED of them are tested.
+# Largest number of microphones of an array that is tested for being flat by its windows alone; more determine their
+# heights by themselves. At most TESTED of them are tested.
 MAX_FLAT, TESTED = 12, 16
 SKIP = 0.02  # seconds from the direct sound of an impulse response to its first window
 MAX_WINDOWS = 400  # largest number of windows of all takes together
@@ -104,16 +104,20 @@ def _with_sound(p: np.ndarray) -> np.ndarray:
 def found_flat(measurement: Measurement) -> bool:
     """Return whether the windows show a flat array (`fdcal.solvers.robust.windows.is_flat`).
 
-    Only arrays without any reported position are tested.
+    Only arrays without any reported position are tested. One of more than MAX_FLAT microphones counts as flat only if
+    it would be refused in space: with heights that are nearly equal it is found more accurately than with equal ones.
     """
     windows, N = measurement.windows, measurement.count
     unknown = measurement.positions is None and not len(measurement.known)
-    if windows is None or not unknown or measurement.array_dimension != 3 or MAX_FLAT < N <= MAX_COUNT[3]:
+    if windows is None or not unknown or measurement.array_dimension != 3:
         return False
-    windows = windows.of_microphones(np.linspace(0, N - 1, min(N, TESTED)).astype(int))
-    from ..solvers.robust.windows import is_flat  # imported here: it loads the solver, which most takes do not need
+    # Imported here: they load the solver, which most takes do not need.
+    from ..solvers.requirements import seem_in_line
+    from ..solvers.robust.windows import is_flat
 
-    return is_flat(windows, measurement.sound_speed)
+    possible = N <= MAX_FLAT or seem_in_line(measurement.problem(), len(measurement.frequencies))
+    tested = np.linspace(0, N - 1, min(N, TESTED)).astype(int)
+    return possible and is_flat(windows.of_microphones(tested), measurement.sound_speed)
 
 
 def _decay(recording: Recording, n: int) -> tuple[int, int]:

@@ -120,36 +120,11 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         )
         remedy = "measure more" if measured < needed else f"use <modes> {needed} or more"
         raise InputError(fault, remedy, key="modes")
-    if not fixes_gauge(problem.known_positions):
-        _check_line(problem, modes)
-
-
-# Microphones on a line have a second singular vector that is a polynomial of the first one.
-LINE_DEGREE = 4  # degree of the polynomial in the plane
-LINE_EXPLAINED = 0.97  # smallest fraction of the last singular vector that the polynomial explains
-LINE_FLATNESS = 0.25  # largest ratio of the last to the first singular value
-
-
-def _check_line(problem: Problem, modes: int) -> None:
-    """Raise InputError if the microphones seem to stand on one line (in space, in one plane).
-
-    In that case the last singular vector is a polynomial of the others. The same happens for any array if the sound
-    only travels along one line or plane, because the pressures do not change perpendicular to it: 18 of 60 arrays of 16
-    microphones in fields of three waves are refused.
-    """
-    N, D = problem.pressures.shape[1], problem.array_dimension
+    if fixes_gauge(problem.known_positions):
+        return
     if is_single_wave(problem.pressures[:modes]):
         raise InputError(SINGLE_WAVE, SINGLE_WAVE_REMEDY, key="pressures")
-    shape, values, _ = singular_vectors(problem, modes)
-    first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
-    powers = np.indices((LINE_DEGREE + 1,) * (D - 1)).reshape(D - 1, -1)
-    powers = powers[:, powers.sum(axis=0) <= (LINE_DEGREE if D == 2 else 2)]
-    if 2 * powers.shape[1] > N:
-        return
-    terms = np.asarray(np.prod(first[:, :, None] ** powers, axis=1))
-    left = last - terms @ np.linalg.lstsq(terms, last, rcond=None)[0]
-    polynomial = np.sum(left**2) < (1 - LINE_EXPLAINED) * np.sum(last**2)
-    if polynomial and values[-1] < LINE_FLATNESS * values[0]:
+    if seem_in_line(problem, modes):
         where = "on a line" if D == 2 else "on a plane"
         raise InputError(
             f"the pressures vary in {D - 1} independent direction{'s' if D > 2 else ''} only: the microphones seem to"
@@ -158,3 +133,29 @@ def _check_line(problem: Problem, modes: int) -> None:
             f" out, or name {D + 1} known ones that are not {where}",
             key="positions",
         )
+
+
+# Microphones on a line have a second singular vector that is a polynomial of the first one.
+LINE_DEGREE = 4  # degree of the polynomial in the plane
+LINE_EXPLAINED = 0.97  # smallest fraction of the last singular vector that the polynomial explains
+LINE_FLATNESS = 0.25  # largest ratio of the last to the first singular value
+
+
+def seem_in_line(problem: Problem, modes: int) -> bool:
+    """Return whether the microphones seem to stand on one line (in space, in one plane).
+
+    In that case the last singular vector is a polynomial of the others. The same happens for any array if the sound
+    only travels along one line or plane, because the pressures do not change perpendicular to it: 18 of 60 arrays of 16
+    microphones in fields of three waves are refused.
+    """
+    N, D = problem.pressures.shape[1], problem.array_dimension
+    shape, values, _ = singular_vectors(problem, modes)
+    first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
+    powers = np.indices((LINE_DEGREE + 1,) * (D - 1)).reshape(D - 1, -1)
+    powers = powers[:, powers.sum(axis=0) <= (LINE_DEGREE if D == 2 else 2)]
+    if 2 * powers.shape[1] > N:
+        return False
+    terms = np.asarray(np.prod(first[:, :, None] ** powers, axis=1))
+    left = last - terms @ np.linalg.lstsq(terms, last, rcond=None)[0]
+    polynomial = np.sum(left**2) < (1 - LINE_EXPLAINED) * np.sum(last**2)
+    return bool(polynomial and values[-1] < LINE_FLATNESS * values[0])

@@ -206,17 +206,18 @@ def test_arrivals_of_six_takes_are_not_outweighed():
     (8, 0.0, False), (8, 0.06, False), (8, 0.0, True), (40, 0.0, False), (40, 0.06, False),
 ])  # fmt: skip
 def test_an_array_is_flat_where_its_windows_show_no_heights(count, height, dead):
-    """The windows are drawn from the model: microphones on a tilted plane, or up to 60 mm above it."""
-    rng, k = np.random.default_rng(5), np.linspace(4, 60, 40)
+    """Long rows and windows are drawn from the model: microphones on a tilted plane, or up to 60 mm above it."""
+    rng, k = np.random.default_rng(5), np.append(np.linspace(1.2, 12, 40), np.linspace(4, 60, 40))
     x = rng.uniform(-0.15, 0.15, (count, 3)) * [1, 1, 0]
     x[:, 2] = height * np.resize([1, -1, 1, -1, -1, 1, -1, 1], count)
     K = anisotropic_kernel(turned(x), k, np.array([0, 0, 0, 0, -0.4, 0.1, 0.1]), 0.0, False)[0]
     z = rng.standard_normal((len(k), 60, count, 2)).view(complex)[..., 0]
-    p = z @ np.linalg.cholesky(K + 0.02 * np.eye(count)).swapaxes(1, 2)
+    p = z @ np.linalg.cholesky(K + np.repeat([2e-4, 0.02], 40)[:, None, None] * np.eye(count)).swapaxes(1, 2)
     if dead:
         p[..., 3] = rng.standard_normal((*p.shape[:2], 2)).view(complex)[..., 0]
-    measurement = fdcal.Measurement.from_arrays(f := k * SOUND / (2 * np.pi), p[:, 0], sound_speed=SOUND)
-    measurement = replace(measurement, windows=ShortWindows(f, np.zeros(len(k), np.int64), p, 0.03))
+    low, high = (k * SOUND / (2 * np.pi)).reshape(2, 40)
+    measurement = fdcal.Measurement.from_arrays(low, p[:40, 0], sound_speed=SOUND)
+    measurement = replace(measurement, windows=ShortWindows(high, np.zeros(40, np.int64), p[40:], 0.03))
     assert found_flat(measurement) == (height == 0)
 
 
@@ -226,9 +227,9 @@ def test_more_microphones_do_not_make_the_size_and_shear_of_a_plane_array_more_c
     measurement = measurement_of_takes([recording], ImportOptions(kind="stationary", array_dimension=2))[0]
     before = fdcal.calibrate(measurement)
     monkeypatch.setattr(windows, "STRETCH_COUNT", 2)  # as if eight were four times as many as the claim is right for
-    wide, after = windows.enlarging(x), fdcal.calibrate(measurement)
-    y = (x - x.mean(axis=0)) * [1, -1]
-    np.testing.assert_allclose([wide @ y.ravel(), wide @ np.ones(16)], [2 * y.ravel(), np.ones(16)], atol=1e-9)
+    wide, after = windows.enlarging(np.pad(x, ((0, 0), (0, 1)))), fdcal.calibrate(measurement)
+    y = np.pad((x - x.mean(axis=0)) * [1, -1], ((0, 0), (0, 1)))
+    np.testing.assert_allclose([wide @ y.ravel(), wide @ np.ones(24)], [2 * y.ravel(), np.ones(24)], atol=1e-9)
     ratio = np.sqrt(np.mean(after.uncertainty**2) / np.mean(before.uncertainty**2))
     assert np.array_equal(after.positions, before.positions) and 1.3 < ratio < 2
 

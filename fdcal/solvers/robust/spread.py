@@ -36,7 +36,7 @@ from . import noise
 from . import objective as objectives
 from .objective import Evaluation, Objective, Quadratic, Unknowns
 from .state import State
-from .windows import enlarging
+from .windows import enlarging, must_be_flat
 
 # Number of blocks of rows, and the least number that gives a dispersion. Neighbouring rows are not independent: with 20
 # blocks J would be a tenth lower.
@@ -73,7 +73,7 @@ def claim_of(problem: Problem, state: State) -> Claim:
     if not len(problem.known):  # without given positions the size of the array is as uncertain as the sound speed
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-        if state.model.window_positions is not None and problem.array_dimension == 2:
+        if state.model.window_positions is not None and (problem.array_dimension == 2 or must_be_flat(state.positions)):
             wide = enlarging(state.positions)
             newton, data = wide @ newton @ wide, wide @ data @ wide
     spread = PositionSpread(newton, data, dispersion, own.step, own.sigma)

@@ -281,11 +281,13 @@ def covariance_of(likelihood: ShortLikelihood, field: ShortField, axes: Integers
 
 
 def enlarging(positions: Reals) -> np.ndarray:
-    """Return the symmetric matrix S (2 N, 2 N) for the claim S C S of a plane array at positions (N, 2), metres.
+    """Return the symmetric matrix S (N D, N D) for the claim S C S of a plane array at positions (N, D), metres.
 
-    It enlarges size and shear, and has no effect on other moves.
+    It enlarges size and shear in the plane, and has no effect on other moves.
     """
-    maps = np.asarray(np.kron(positions - positions.mean(axis=0), np.eye(2)), float)
+    centred = positions - positions.mean(axis=0)
+    plane = np.linalg.svd(centred, full_matrices=False)[2][:2].T
+    maps = np.asarray(np.kron(centred @ plane, plane), float)
     return np.eye(len(maps)) + (max(1.0, np.sqrt(len(positions) / STRETCH_COUNT)) - 1) * maps @ np.linalg.pinv(maps)
 
 
