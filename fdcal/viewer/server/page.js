@@ -108,8 +108,8 @@ function introduce() {
   send(`dark=${matchMedia("(prefers-color-scheme: dark)").matches ? "on" : "off"}`);
   send(`layout=${root.dataset.layout}`);
   const part = (text, name) => new URLSearchParams(text).get(name), named = part(server, "scene");
-  // A page that comes back does not replace the scene with which the server was started.
-  if (returned && named && ![null, named].includes(part(asked, "scene"))) asked = "";
+  // A page that comes back after a restart does not replace the scene with which the server was started.
+  if (returned && written.server != server && named && ![null, named].includes(part(asked, "scene"))) asked = "";
   // A reloaded page that shows the same scene restores only its layout and its camera.
   if (written.server != server || written.address != asked) openAddress(asked);
   else if (["scene", "lesson"].every(name => part(asked, name) == part(common, name)))
