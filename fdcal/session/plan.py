@@ -14,7 +14,8 @@ arrival times tau_n, where the position y of the source and b are unknown:
     r_n = c tau_n - |x_n - y| - b      residual at microphone n, metres; b is c times the time of emission
 
 For a small array in a field of three dimensions it adds the short windows of the recording. They count as
-`ForecastRules.windows` independent windows, whatever the length of the recording, because a room has few waves.
+`ForecastRules.windows` independent windows, whatever the length of the recording, because a room has few waves. In a
+plane array each take counts as many.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
 positions of the source, and the information of a Gaussian field decreases with its noise.
