@@ -146,8 +146,8 @@ def result_sentences(
         if overall is not None and each is not None and modes is not None:
             n, m = int(result.healthy[each[result.healthy].argmax()]), int(modes.argmax())
             said["predict"] = (
-                f"{prediction_words(overall)}; worst microphone: {result.names[n]}, {each[n]:.1f} dB;"
-                f" worst frequency: {f[m]:.1f} Hz, {modes[m]:.1f} dB"
+                f"{prediction_words(overall)} (at best minus the SNR; 0 dB: nothing is predicted); worst microphone:"
+                f" {result.names[n]}, {each[n]:.1f} dB; worst frequency: {f[m]:.1f} Hz, {modes[m]:.1f} dB"
             )
     if (channels := result.channels) is not None:
         spread = gain_words(result) if channels.gains_sought else "gains taken as equal"

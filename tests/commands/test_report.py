@@ -35,6 +35,7 @@ def test_the_cost_is_in_decibels_and_in_the_file_with_and_without_a_search_domai
         assert f"{result.cost_db:.1f} dB, the unexplained power" in line_of(summary(one, result), "cost")
         assert fdcal.Calibration.from_json(result.to_json()).cost_db == result.cost_db
     assert other.cost_db < -30
+    assert "dB (at best minus the SNR; 0 dB: nothing is predicted);" in line_of(summary(inputs, found), "predict")
 
 
 @pytest.mark.parametrize(("converged", "verdict", "words"), [
@@ -46,8 +47,7 @@ def test_the_words_for_the_end_of_the_run_agree_with_the_verdict(inputs, found, 
 
 
 def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
-    sought = np.setdiff1d(np.arange(16), inputs.given)
-    sigma = length_text(float(np.sqrt(np.mean(found.uncertainty[sought] ** 2))), 2)
+    sigma = length_text(float(np.sqrt(np.mean(found.uncertainty[np.setdiff1d(np.arange(16), inputs.given)] ** 2))), 2)
     assert line_of(summary(inputs, found), "error").endswith(f"over the 13 microphones sought; one sigma {sigma}")
     assert f"one sigma {sigma}" in found.verdict_text, "the verdict has the same number"
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
