@@ -52,8 +52,8 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
 
 UNITS_APART = 2.0  # a list whose size differs by at least this factor counts as one in another unit
-TWO_MOTIONS = 'these distances differ from those in the line "error", because they were computed after the array was'
-TWO_MOTIONS += " aligned with the list without its wrong rows"
+TWO_MOTIONS = 'the distances below differ from those in the line "error": there the array is aligned with all rows'
+TWO_MOTIONS += " of the list, here wrong rows are left out of the alignment"
 # The two alignments give two largest errors. If their relative difference exceeds this, a sentence explains it; a
 # smaller one hardly shows in the millimetres that are printed.
 MAX_APART = 0.05
