@@ -84,7 +84,7 @@ def doctor(sources, positions, **recorded):
 
     options = opt.import_options(sources, recorded)
     with opt.progress_bar("examining") as progress:
-        findings = list(examine(sources, positions, options, progress))
+        findings = list(examine(sources, positions, options, progress, opt.OPTIONS))
     print("\n".join(one.line for one in findings))
     at_fault = {one.question for one in findings if one.state == "fault"}
     unjudged = positions is not None and any((one.question, one.state) == ("list", "unknown") for one in findings)

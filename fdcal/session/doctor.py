@@ -13,7 +13,7 @@ Positions, gains and faults are those of `fdcal.session.calibration_run.solve`.
 """
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -71,11 +71,12 @@ def examine(
     positions: str | None = None,
     options: ImportOptions | None = None,
     progress: ProgressReport | None = None,
+    wording: Mapping[str, str] = importer.ARGUMENTS,
 ) -> Iterator[Answer]:
     """Yield the findings about recordings, a measurement or a scene, each as soon as it is known.
 
     `positions`: file of a list to compare with; without it, the positions that the recordings, the measurement or the
-    scene hold are compared.
+    scene hold are compared. `wording`: names of the arguments in the findings.
     """
     texts = [sources] if isinstance(sources, str) else list(sources)
     if all(map(is_recording, texts)):
@@ -95,7 +96,7 @@ def examine(
             wraps = isinstance(error, WrapsRound)
             state: AnswerState = "fault" if wraps or isinstance(error, NothingAboveNoise) else "unknown"
             question = "wrapped" if wraps else "field"
-            yield Answer(question, state, str(error), found=((question, ""),) if state == "fault" else ())
+            yield Answer(question, state, error.worded(wording), found=((question, ""),) if state == "fault" else ())
             return
         stationary = (report.takes or (report,))[0].kind == "stationary"
         if not stationary:
@@ -103,10 +104,9 @@ def examine(
         inputs = replace(measurement_input(measurement, texts[0]), excluded=tuple(report.left_out))
     else:
         inputs, stationary = load_input(texts, progress), False
-    if positions is not None:
-        inputs = compared_with_file(inputs, positions)
+    inputs = inputs if positions is None else compared_with_file(inputs, positions)
     blind = replace(inputs.measurement, known=np.zeros(0, np.int64), known_positions=None)
-    yield from _of_field(replace(measurement_input(blind, inputs.name), remark=inputs.remark), stationary, progress)
+    yield from _of_field(measurement_input(blind, inputs.name), stationary, progress, wording)
 
 
 def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options: ImportOptions) -> Answer:
@@ -136,15 +136,17 @@ def _clocks(takes: Sequence[Recording], health: Sequence[ChannelHealth], options
     return Answer("synchronous", "unknown" if few else "fine", "; ".join([*listed, text]), value, "µs")
 
 
-def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressReport | None) -> Iterator[Answer]:
+def _of_field(
+    inputs: CalibrationInput, stationary: bool, progress: ProgressReport | None, wording: Mapping[str, str]
+) -> Iterator[Answer]:
     """Yield the findings of a calibration about field, channels and list."""
     measurement = inputs.measurement
     try:
-        result = solve(inputs, progress, keep=True)
+        result = solve(inputs, progress, wording, keep=True)
     except InputError as error:
         rows = len(measurement.frequencies)
         few = stationary and rows < DOCTOR_RULES.rows  # an import keeps only coherent frequencies
-        text = f"the channels are coherent at {rows} frequencies only" if few else str(error)
+        text = f"the channels are coherent at {rows} frequencies only" if few else error.worded(wording)
         yield Answer("field", "fault" if few else "unknown", text, found=(("field", ""),) if few else ())
         if measurement.positions is not None:
             yield Answer("list", "unknown", "no array was found to compare the list with")
@@ -157,7 +159,7 @@ def _of_field(inputs: CalibrationInput, stationary: bool, progress: ProgressRepo
         known = replace(measurement, known=every, known_positions=listed[every])
         with contextlib.suppress(InputError):
             settings = replace(inputs.settings, known="all")
-            given = solve(replace(inputs, measurement=known, settings=settings), progress, keep=True)
+            given = solve(replace(inputs, measurement=known, settings=settings), progress, wording, keep=True)
             result = given if _errors(given)[0] < _errors(result)[0] - 1.0 else result
     yield from _field(measurement, result)
     assert result.channels is not None
@@ -222,8 +224,7 @@ def _field(measurement: Measurement, result: Calibration) -> list[Answer]:
         return [field, Answer("measured", "unknown", text, 1e3 * median, "mm")]
     text += f"; {below} the error of predicting a microphone from the others is {low_db:.1f} dB"
     rays = median < DOCTOR_RULES.arrivals and low_db > DOCTOR_RULES.field_db
-    if rays:
-        text += ": a simulation by rays, which has no sound field at low frequencies"
+    text += ": a simulation by rays, which has no sound field at low frequencies" if rays else ""
     return [field, Answer("measured", "fault" if rays else "fine", text, low_db, "dB", (("rays", ""),) * rays)]
 
 
@@ -238,8 +239,8 @@ def _size(
     """
     known = np.flatnonzero(right)
     if len(known) == len(listed):
-        central = int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1)))
-        known = np.delete(known, central)  # one must be unknown
+        # one must be unknown: the central one
+        known = np.delete(known, int(np.argmin(np.linalg.norm(listed - listed.mean(axis=0), axis=1))))
     measurement = replace(inputs.measurement, known=known, known_positions=listed[known], positions=None)
     settings = replace(inputs.settings, known="all", known_sigma=sigma, sound_speed_sigma=DOCTOR_RULES.speed)
     try:
