@@ -59,8 +59,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
     half = np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):
-        groups = _groups(points[base], others, tolerance)
-        centred, targets = points - points[base].mean(axis=0), others[groups]
+        centred, targets = points - points[base].mean(axis=0), others[_groups(points[base], others, tolerance)]
         middles = targets.mean(axis=1, keepdims=True)
         U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
         mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points fit an array and its mirror image equally
@@ -107,9 +106,7 @@ MAX_BASES = 8  # largest number of bases
 def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
     """Yield disjoint groups of D points that are far from each other."""
     free = list(range(len(points)))
-    for _ in range(MAX_BASES):
-        if len(free) < points.shape[1]:
-            return
+    for _ in range(min(MAX_BASES, len(points) // points.shape[1])):
         base = [free[int(np.argmax(np.linalg.norm(points[free] - points[free].mean(axis=0), axis=1)))]]
         while len(base) < points.shape[1]:
             apart = [np.linalg.norm(points[base] - points[n], axis=1).min() for n in free]
@@ -130,8 +127,7 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
         group, last = np.nonzero(off.max(axis=1) < tolerance)
         misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
         groups = np.column_stack([groups[group], last])
-        max_count = MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)
-        best = np.argsort(misfit, kind="stable")[:max_count]
+        best = np.argsort(misfit, kind="stable")[: MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)]
         groups, misfit = groups[best], misfit[best]
     return groups[[len(set(group)) == len(group) for group in groups.tolist()]]
 
@@ -253,9 +249,10 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     ((2, 3),)
     """
     found, given = (require_array(*one, "real", (None, None), "m") for one in (("found", found), ("given", given)))
-    if found.shape != given.shape:
+    if found.shape != given.shape or not found.size:
         problem = f"the result has positions of shape {found.shape}, the measurement {given.shape}"
-        raise InputError(problem, "use the result of this measurement", key="result")
+        remedy = "use the result of this measurement" if found.size else "give a row of coordinates per microphone"
+        raise InputError(problem, remedy, key="result")
     if len(found) <= found.shape[1]:
         return _checked(found if len(known) else align(found, given), given, np.arange(len(found)))
     free = _free(found, given)

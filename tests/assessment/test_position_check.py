@@ -253,6 +253,7 @@ def test_positions_that_do_not_fit_or_are_not_finite_are_refused():
     places = ball(8, 8, 3)
     refuses("shape", compare_positions, places[:7], places)
     refuses("different lengths", compare_positions, [[1, 2], [1]], places)
+    refuses("give a row of coordinates per microphone", compare_positions, places[:0], places[:0])
     refuses("not a finite number", lambda: compare_positions(np.where(np.eye(8)[:, :3] > 0, np.nan, places), places))
     for one, other in ((np.zeros((8, 3)), places), (places, np.zeros((8, 3)))):
         assert not compare_positions(one, other).fits, "an array collapsed to a point fits nothing"
