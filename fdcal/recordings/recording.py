@@ -237,9 +237,10 @@ class ImportOptions:
         if isinstance(self.source, str) and self.source != "all":
             raise InputError(f'source = "{self.source}" is not a source', "use a number from 0, or all", key="source")
         if self.split is not None and (self.kind == "impulse" or self.reference):
-            what = "kind impulse" if self.kind == "impulse" else "a reference"
-            problem = f"split = {self.split:.3g} s is for a stationary recording, but {what} is given"
+            problem = f"split = {self.split:.3g} s is for a stationary recording without a reference"
             raise InputError(problem, "leave out <split>, or record each take separately", key="split")
+        if self.reference and self.kind == "stationary":
+            raise InputError("kind = stationary uses no reference", "leave out <reference> or <kind>", key="kind")
         if self.array_dimension == 3 and self.dimension == 2:
             raise InputError("array_dimension = 3 needs dimension = 3", "use 2", key="array_dimension")
         if self.temperature is not None and self.sound_speed is not None:

@@ -254,8 +254,7 @@ def test_from_a_recording_to_a_table_of_positions(folder, tmp_path, monkeypatch,
     before = (folder / name).read_bytes()
     run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
     printed = capsys.readouterr().out
-    assert "impulse response" in printed and "channels     24" in printed
-    assert "known        5 of 24" in printed
+    assert all(text in printed for text in ("impulse response", "channels     24", "known        5 of 24"))
     run("import", folder / name, "-o", "m.npz", code=2)
     assert "--force" in capsys.readouterr().err
     measurement = load_measurement("m.npz")
@@ -336,6 +335,7 @@ def test_channels_of_different_recordings_are_named_as_such_and_no_band_is_blame
     (["--subset", "1"], "two microphones", 2), (["--array-radius", "-1"], "above zero", 2),
     (["--reference", "nothing.wav"], "No such file", 3), (["--known", "0,1"], "contains no positions", 2),
     (["--source", "1"], "one source only", 2), (["--leave-out", ",".join(map(str, range(24)))], "name fewer", 2),
+    (["--reference", "s.wav", "--kind", "stationary"], "leave out --reference or --kind", 2),
     (["--array-radius", "50"], "give --array-radius", 2), (["--array-radius", "1e-5"], "or give --frequencies", 2),
 ])  # fmt: skip
 def test_an_option_out_of_range_is_refused(options, words, code, folder, refused):
