@@ -153,8 +153,7 @@ def solve(
         state, stopped = last_state(inputs, progress, problem, clock)
         with interrupts():  # an interrupt must not discard the positions that were found
             found = assess_state(inputs, problem, state, wording)
-        if stopped:
-            found = replace(found, verdict="not_converged", message=stopped)
+        found = replace(found, verdict="not_converged", message=stopped) if stopped else found
         if progress is not None:
             progress(1.0, "done")
     measurement = inputs.measurement
@@ -190,6 +189,9 @@ def solve(
     ).compared_with(measurement, inputs.given)
 
 
+INTERRUPTED = "the solver was interrupted; these are the best positions so far"
+
+
 def last_state(
     inputs: CalibrationInput, progress: ProgressReport | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str]:
@@ -215,7 +217,7 @@ def last_state(
     except KeyboardInterrupt:
         if state is None:
             raise
-        return ended_early(state), "the solver was interrupted; these are the best positions so far"
+        return ended_early(state), INTERRUPTED
     return state, ""
 
 
@@ -229,9 +231,7 @@ def cost_in_decibels(found: Assessment) -> float | None:
     if not np.isfinite(found.positions).all():
         return None
     reference_cost = reference_cost_of(replace(problem, search=search_around(found.positions, problem.search)))
-    if reference_cost is None:
-        return None
-    cost = reference_cost(found.positions, found.channels.correction)
+    cost = np.nan if reference_cost is None else reference_cost(found.positions, found.channels.correction)
     return cost if np.isfinite(cost) else None
 
 
@@ -264,7 +264,9 @@ def with_estimated_domain(
         problem = problem_of(inputs)
         inputs = replace(inputs, settings=with_mode_count(problem, chosen), time_limit=DOMAIN_SECONDS)
         with one_blas_thread():
-            state = last_state(inputs, progress, problem, time.process_time)[0]
+            state, stopped = last_state(inputs, progress, problem, time.process_time)
+        if stopped == INTERRUPTED:  # the user ends the command, not only the estimate
+            raise KeyboardInterrupt
     except InputError:
         return measurement
     truth = measurement.positions if measurement.blind or settings.known == "none" else None

@@ -1,5 +1,6 @@
 """The page of a measurement without a scene, and of several takes."""
 
+import signal
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -85,21 +86,17 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(tiny, t
         assert not [solid for solid in picture.meshes if solid.name == "microphones/true"]
         search = work.measurement.search
         assert search is work.problem.search and search is not None and work.reference_cost is not None
-        low, high = np.array(search.origin), np.add(search.origin, search.size)
-        assert ((low < tiny.positions) & (tiny.positions < high)).all()
+        assert ((search.origin < tiny.positions) & (tiny.positions < np.add(search.origin, search.size))).all()
         assert np.isfinite(work.solver.landscape(work.problem, work.session.view.state, 1, slice(0, 3))).all()
         saved = replace(work.opening, states=(work.session.view.state,))
         assert saved.measurement.search == search, "a session that is saved keeps the domain"
 
 
 def test_without_an_estimate_there_is_no_domain_and_the_page_says_what_to_do():
-    rng = np.random.default_rng(0)
-    pressures = rng.normal(size=(1, 12)) + 1j * rng.normal(size=(1, 12))
+    pressures = np.random.default_rng(0).normal(size=(1, 24)).view(complex)
     few = Measurement([100.0], pressures, 343.0, known=[0, 1, 2], known_positions=[[0, 0], [1, 0], [0, 1]])
-    found = with_estimated_domain(few, SolverSettings(name="joint", modes=1, first_modes=1), 0)
-    assert found.search is None and found is few
-    for key in ("search_origin", "search_size", "search_step", "radius"):
-        assert key in map_tab.NO_SEARCH
+    assert with_estimated_domain(few, SolverSettings(name="joint", modes=1, first_modes=1), 0) is few
+    assert all(key in map_tab.NO_SEARCH for key in ("search_origin", "search_size", "search_step", "radius"))
 
 
 @pytest.fixture
@@ -142,8 +139,13 @@ def test_a_measurement_is_shown_without_walls_and_all_of_its_modes_are_used(tiny
 def test_the_domain_of_a_blind_array_lies_round_its_true_positions(tiny):
     blind = replace(tiny, search=None, known=(), known_positions=None)
     search = with_estimated_domain(blind, SolverSettings(name="joint", known="none", modes=12), 0).search
-    low = np.array(search.origin)
-    assert ((low < tiny.positions) & (tiny.positions < low + search.size)).all()
+    assert ((search.origin < tiny.positions) & (tiny.positions < np.add(search.origin, search.size))).all()
+
+
+def test_an_interrupt_during_the_estimate_of_the_domain_is_not_taken_for_the_end_of_the_estimate(tiny):
+    bare, settings, calls = replace(tiny, search=None), SolverSettings(name="descent", modes=12), iter("ab")
+    with pytest.raises(KeyboardInterrupt):
+        with_estimated_domain(bare, settings, 0, lambda *_: next(calls, "") or signal.raise_signal(signal.SIGINT))
 
 
 def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
