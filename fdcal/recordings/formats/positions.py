@@ -51,14 +51,12 @@ MEANINGS = {
     " point nr no number nummer index",
 }
 # Number of each unit in a metre.
-UNITS = {
-    **dict.fromkeys(("m", "metre", "metres", "meter", "meters"), 1.0),
-    **dict.fromkeys(("dm",), 10.0),
-    **dict.fromkeys(("cm", "centimetre", "centimetres", "centimeter", "centimeters"), 100.0),
-    **dict.fromkeys(("mm", "millimetre", "millimetres", "millimeter", "millimeters"), 1000.0),
-    **dict.fromkeys(("in", "inch", "inches"), 1 / 0.0254),
-    **dict.fromkeys(("ft", "foot", "feet"), 1 / 0.3048),
-}
+UNITS = {"m": 1.0, "dm": 10.0, "cm": 100.0, "mm": 1000.0, "\u00b5m": 1e6, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+KNOWN_UNITS = f"write one of {', '.join(UNITS)}"
+METRIC = {"": 1.0, "deci": 10.0, "centi": 100.0, "milli": 1000.0, "micro": 1e6}
+UNITS |= {"\u03bcm": 1e6, "um": 1e6, "inch": 1 / 0.0254, "inches": 1 / 0.0254, "foot": 1 / 0.3048, "feet": 1 / 0.3048}
+UNITS |= {prefix + word: n for prefix, n in METRIC.items() for word in ("metre", "metres", "meter", "meters")}
+IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]*[^\W\d_][^\])]*?)\s*[\])]")  # text that has a letter
 # finds the unit that a comment in a file states; the word "in" before another word is not the unit
 IN_WORDS = re.compile(rf"(?:\bin|\bunits?\b\W*|[\[(])\s*(?!in\s+\w)({'|'.join(UNITS)})\b", re.IGNORECASE)
 
@@ -110,7 +108,8 @@ def meaning(cell: str) -> tuple[str, float | None]:
     found = [kind for kind, known in MEANINGS.items() if set(words) & set(known.split())]
     if len(set(words) & set("xyz")) > 1:  # a cell that names several axes is a sentence
         return "", None
-    unit = UNITS.get(words[-1]) if len(words) > 1 else None
+    inside = IN_BRACKETS.search(cell.lower())
+    unit = UNITS.get(inside[1] if inside else "", UNITS.get(words[-1])) if len(words) > 1 else None
     return (found[0] if found else "name" if cell in ("", "#") else ""), unit
 
 
@@ -187,8 +186,7 @@ def _read_xml(content: bytes) -> Placed:
         records = [one for one in records if {"x", "y"} & set(one)]
         if records:
             found.append((" ".join([parent.tag, *parent.attrib.values()]), records))
-    if len(found) > 1:
-        found = [one for one in found if "mic" in one[0].lower()]
+    found = [one for one in found if "mic" in one[0].lower()] if len(found) > 1 else found
     if len(found) != 1:
         raise _question("it needs exactly one list of positions", "write as Acoular: <MicArray><pos Name= x= y= z=>")
     return _of_records(found[0][1], unique=False)
@@ -215,7 +213,7 @@ def _read_object(content: bytes) -> Placed:
     _, entries, parent = found[0]
     stated = str(parent.get("unit") or parent.get("units") or "").lower()
     if (unit := UNITS.get(stated)) is None and stated:
-        raise _question(f'the unit "{shown(stated)}" is not known', "write mm, cm or m")
+        raise _question(f'the unit "{shown(stated)}" is not known', KNOWN_UNITS)
     names = parent.get("names", parent.get("labels"))
     if isinstance(entries, dict):
         names, entries = list(entries), list(entries.values())
@@ -321,11 +319,10 @@ def _of_sheet(rows: Rows) -> Placed:
 def _assumed_header(rows: list[list[str]], width: int) -> list[str]:
     """Return a header for a table without one, from the number and the contents of its columns."""
     columns = [[row[c] if c < len(row) else "" for row in rows] for c in range(width)]
-    named = not any(map(is_number, columns[0]))
     counting = width == 3 and _counts(columns[0])
     if counting and all(cell.lstrip("+-").isdigit() for column in columns[1:] for cell in column):
         raise _question("its first column may be the numbers of the microphones or x", "begin with name,x,y or x,y,z")
-    head = ["name"] if named or counting or width == 4 else []
+    head = ["name"] if counting or not any(map(is_number, columns[0])) or width == 4 else []
     if width - len(head) not in (2, 3):
         raise _question(f"it has {width} columns and no line that names them", "begin with name,x,y or name,x,y,z")
     return [*head, *"xyz"[: width - len(head)]]
@@ -366,6 +363,10 @@ def _of_rows(
     places = np.array([[float(row[c].replace(",", ".")) for c in columns] for row in rows.values()])
     for number, place in zip(rows, places.tolist(), strict=True):
         require_point(f"{where} {number}", place, (len(axes),))
+    for c in columns if unit is None and "unit" not in kinds else ():
+        inside = None if units[c] or kinds[c] in ANGLES else IN_BRACKETS.search(head[c])
+        if inside and not meaning(inside[1])[0]:
+            raise _question(f'the unit "{shown(inside[1])}" of "{shown(head[c])}" is not known', KNOWN_UNITS)
     lengths = {units[c] for c in columns if kinds[c] not in ANGLES}
     if len(lengths) > 1 and lengths != {None, 1.0}:
         raise _question(f'the units in "{shown(",".join(head))}" differ', "give all coordinates in one unit")
@@ -373,7 +374,7 @@ def _of_rows(
         said = set(cells[kinds.index("unit")])
         lengths = {UNITS.get(said.pop().lower()) if len(said) == 1 else None}
         if None in lengths:
-            raise _question("its column of units must hold a single known unit", "write mm, cm or m")
+            raise _question("its column of units must hold a single known unit", KNOWN_UNITS)
     if axes[-1] == "radius":
         places = _cartesian(places, [head[c] for c in columns], axes[1] == "polar")
     unit, remark = next(filter(None, lengths), unit), ""
@@ -431,8 +432,7 @@ def _one_row_each(head: list[str], rows: Rows) -> tuple[list[str], Rows]:
         raise _question("several columns are called x", "give one line per microphone below name,x,y,z")
     if np.ptp(table, axis=0).max() > STILL_M:
         raise _question("its positions change from line to line", "keep one line, or write one per microphone")
-    first = next(iter(rows.values()))
-    found = [[name, *(first[c] for c in axes.values())] for name, axes in groups.items()]
+    found = [[name, *(next(iter(rows.values()))[c] for c in axes.values())] for name, axes in groups.items()]
     return ["name", *next(iter(groups.values()))], dict(enumerate(found))
 
 
