@@ -522,13 +522,12 @@ def test_names_positions_and_uncertainty_are_written(placed, tmp_path):
     for found in ([row["name"] for row in rows], [one["name"] for one in microphones], names,
                   [element.getAttribute("Name") for element in elements]):  # fmt: skip
         assert found == list(placed.names)
-    in_xml = [[e.getAttribute(a) for a in "xyz"] for e in elements]
-    for found in (*([[row[a] for a in "xyz"] for row in table] for table in (rows, microphones)), in_xml, positions,
-                  np.load(tmp_path / "p.npy").T):  # fmt: skip
-        np.testing.assert_array_equal(np.array(found, float), placed.positions)
+    for found in (*([[row[a] for a in "xyz"] for row in table] for table in (rows, microphones)), positions,
+                  [[e.getAttribute(a) for a in "xyz"] for e in elements], np.load(tmp_path / "p.npy").T):  # fmt: skip
+        np.testing.assert_allclose(np.array(found, float), placed.positions, rtol=0, atol=5.1e-8)
     sigma = [None] * 5 if placed.uncertainty is None else placed.uncertainty.tolist()
     assert [one["uncertainty"] for one in microphones] == sigma
-    assert [float(row["uncertainty"]) if row["uncertainty"] else None for row in rows] == sigma
+    assert [row["uncertainty"] for row in rows] == ["" if one is None else f"{one:.7f}" for one in sigma]
 
 
 def test_sofa_is_written_by_the_numbers_of_the_channels(tmp_path):

@@ -284,7 +284,7 @@ def test_a_list_without_the_option_check_gives_a_hint_to_that_option(exchanged, 
 
 
 @pytest.mark.parametrize("known", ["all", "none"])
-def test_every_output_gives_the_same_positions_to_the_last_digit(tmp_path, known):
+def test_every_output_gives_the_same_positions_and_tables_round_them_to_a_tenth_of_a_micrometre(tmp_path, known):
     """A reader who combines two of them must not get parts in different frames."""
     found = fdcal.calibrate(fdcal.load("tiny"), modes=12, known=known)
     positions = found.positions
@@ -299,7 +299,8 @@ def test_every_output_gives_the_same_positions_to_the_last_digit(tmp_path, known
     }
     outputs |= {f"read {one}": read_places(tmp_path / f"out.{one}")[1][:, :2] for one in FORMATS_WRITTEN}
     for name, output in outputs.items():
-        np.testing.assert_array_equal(np.reshape(output, positions.shape), positions, err_msg=name)
+        wanted = positions.round(7) if name in ("read csv", "read xml") else positions
+        np.testing.assert_array_equal(np.reshape(output, positions.shape), wanted, err_msg=name)
     assert found.frame == ("known" if known == "all" else "axes")
     spread = np.cov(positions.T)
     assert (abs(spread[0, 1]) < 1e-9 * spread.max() and spread[0, 0] >= spread[1, 1]) == (known == "none")

@@ -4,8 +4,8 @@ Read: text tables, Excel sheets, geometry files of Acoular, HARK, TASCAR and ODA
 ambiguous file, or a table with numbers of unknown meaning, raises an InputError that says how to write it.
 
 Written:
-.csv     name,x,y,z,uncertainty, metres, one line per microphone
-.xml     Acoular's microphone geometry: `<MicArray><pos Name= x= y= z= /></MicArray>`, metres
+.csv     name,x,y,z,uncertainty, metres to 0.1 µm, one line per microphone
+.xml     Acoular's microphone geometry: `<MicArray><pos Name= x= y= z= /></MicArray>`, metres to 0.1 µm
 .npy     as pyroomacoustics reads it: an array (3, N), metres, one column per microphone
 .json    one object with the frame and a list of microphones
 """
@@ -381,10 +381,9 @@ def _of_rows(
     if unit is None:
         # A single wrong row hardly changes the median.
         size = np.median(np.linalg.norm(places - np.median(places, axis=0), axis=1))
-        unit = 1000.0 if size > LARGEST_M else 1.0
-        if unit != 1:
-            remark = 'such large numbers are taken as millimetres; write "x (m)" if they are metres'
-    return names, places / unit, remark
+        if size > LARGEST_M:
+            unit, remark = 1000.0, 'such large numbers are taken as millimetres; write "x (m)" if they are metres'
+    return names, places / (unit or 1.0), remark
 
 
 def _names(head: list[str], cells: list[tuple[str, ...]], used: list[int], unique: bool) -> list[str]:
@@ -449,25 +448,26 @@ READERS = {
 
 
 def _write(path: Path, placed: MicrophonePositions) -> None:
-    """Write positions, metres, with all digits; an unknown uncertainty is left empty, or null in JSON."""
+    """Write positions, metres, in CSV and XML to 0.1 µm; an unknown uncertainty is left empty, or null in JSON."""
     sigma = [None] * len(placed.names) if placed.uncertainty is None else placed.uncertainty.tolist()
     rows = [[name, *p, s] for name, p, s in zip(placed.names, placed.positions.tolist(), sigma, strict=True)]
+    texts = [[f"{x:z.7f}" if isinstance(x, float) else x for x in row] for row in rows]
     keys = ["name", "x", "y", "z", "uncertainty"]
     if path.suffix.lower() == ".npy":
         np.save(path, np.ascontiguousarray(placed.positions.T))
     elif path.suffix.lower() == ".csv":
         with open(path, "w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([keys, *rows])
+            csv.writer(file, lineterminator="\n").writerows([keys, *texts])
     elif path.suffix.lower() == ".json":
-        microphones = [dict(zip(keys, row, strict=True)) for row in rows]
-        table = {"unit": "metre", "frame": placed.frame, "microphones": microphones}
+        table: dict[str, Any] = {"unit": "metre", "frame": placed.frame}
+        table["microphones"] = [dict(zip(keys, row, strict=True)) for row in rows]
         path.write_text(json.dumps(table, indent=1, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
     else:
         root = tree.Element("MicArray", name="fdcal")
-        for name, *place, _ in rows:
+        for name, *place, _ in texts:
             if re.search("[\x00-\x1f\ud800-\udfff\ufffe\uffff]", name):
                 raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
-            tree.SubElement(root, "pos", {"Name": name} | dict(zip("xyz", map(repr, place), strict=True)))
+            tree.SubElement(root, "pos", {"Name": name} | dict(zip("xyz", place, strict=True)))
         tree.indent(root)
         tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
