@@ -149,7 +149,7 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
     """
     from matplotlib.figure import Figure
 
-    D, extent = self.positions.shape[1], float(np.ptp(self.positions, axis=0).max())
+    D, C, extent = self.positions.shape[1], self.covariance, float(np.ptp(self.positions, axis=0).max())
     true = None if truth is None else np.asarray(truth, float)
     if true is not None and true.shape != self.positions.shape:
         problem = f"truth has shape {true.shape}, but the positions have shape {self.positions.shape}"
@@ -158,12 +158,12 @@ def draw_calibration(self: Calibration, truth=None, label: str = "true") -> Figu
     if true is not None and not known.any():
         true = align(true, self.positions)
     views = ((0, 1),) if D == 2 else ((0, 1), (0, 2))
+    factor = 1.0 if C is None else ellipse_scale(ellipse_axes(C, confidence_factor(0.95, 2)), extent)
     figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
     for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
         axes, shown = list(view), self.positions[:, view]
-        if self.covariance is not None:
-            factor = ellipse_scale(ellipse_axes(self.covariance, confidence_factor(0.95, 2)), extent)
-            enlarged_ellipses(panel, shown, self.covariance[:, axes][:, :, axes], factor)
+        if C is not None:
+            enlarged_ellipses(panel, shown, C[:, axes][:, :, axes], factor)
         if true is not None:
             plot_marks(panel, "microphones/true", true[:, axes], MARK_SCALE, label)
         plot_marks(panel, "microphones/estimate", shown[~known], scale=MARK_SCALE)

@@ -294,8 +294,9 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
     refuses(r"fdcal\[pandas\]", lambda: result().to_dataframe())
 
 
-@pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
-def test_the_figure_shows_every_microphone_once(D, panels):
+@pytest.mark.parametrize(("D", "panels", "factors"), [(2, 1, iter([2.0])), (3, 2, iter([2.0, 5.0]))])
+def test_the_figure_shows_every_microphone_once(D, panels, factors, monkeypatch):
+    monkeypatch.setattr("fdcal.graphics.figures.ellipse_scale", lambda *_: next(factors))
     blocks, nominal = np.array(4 * [np.diag([1e-8, 1e-8, 1e-4][:D])]), FOUR_POSITIONS[:, :D] + 0.01
     figure = result(D, covariance=blocks).plot(nominal, "nominal")
     ellipses = [line.get_label() for panel in figure.axes for line in panel.lines if "95 %" in line.get_label()]
@@ -316,8 +317,7 @@ def test_the_html_of_a_notebook_escapes_names():
     """It is well-formed, except for tags without an end."""
     text = result()._repr_html_()
     page = ElementTree.fromstring(f"<div>{re.sub('<(img|br)([^>]*)/?>', r'<x/>', text)}</div>")
-    assert len(list(page.iter("td"))) == 4 * 6 and not list(page.iter("script"))
-    assert "<b>good</b>: 1 &lt; 2" in text
+    assert len(list(page.iter("td"))) == 4 * 6 and not list(page.iter("script")) and "<b>good</b>: 1 &lt; 2" in text
     bare = replace(result(2), covariance=None, uncertainty=None, verdict="", known=None)
     assert "data:image/png;base64," in bare._repr_html_()
 
