@@ -7,7 +7,8 @@ import pytest
 from browsing import WAIT
 from replays import descent_on_tiny, offline_page, wait_for
 
-from fdcal.cost.eq7 import reference_cost_of
+from fdcal.cost.eq7 import known_weights, reference_cost_of
+from fdcal.cost.maps import mode_powers
 from fdcal.graphics.replay import replay_html
 from fdcal.solvers import descent
 
@@ -67,10 +68,14 @@ def test_a_step_in_the_browser_is_a_step_of_descent(page, run, modes):
     for _ in range(3):
         after = descent.step(problem, state)
         places = np.column_stack([state.positions, np.zeros(measurement.count)]).tolist()
-        step = "([n, places, high]) => replay.descentStep(n, places, 1, high)"
-        found = page.evaluate(step, [after.moved, places, modes])
+        found = page.evaluate("([n, x, high]) => replay.descentStep(n, x, 1, high)", [after.moved, places, modes])
         np.testing.assert_allclose(found[:2], after.positions[after.moved], atol=1e-6)
         state = after
+    power = "([n, x, weights]) => [{weights}, {}].map(terms => replay.landscapes.map(0, n, x.flat(), 0, terms).power)"
+    # microphone 0 is known
+    own, plain = page.evaluate(power, [0, places, known_weights(problem, state.settings.known_weight).tolist()])
+    wanted = np.divide(*(mode_powers(problem, descent, state, [1], offset) for offset in (None, 0)))
+    np.testing.assert_allclose(own / plain, wanted, rtol=1e-3, err_msg="the map in decibels has the same reference")
 
 
 def test_a_released_microphone_rolls_downhill_into_a_minimum_that_is_named(page, run):
@@ -86,12 +91,11 @@ def test_a_released_microphone_rolls_downhill_into_a_minimum_that_is_named(page,
     np.testing.assert_allclose(end, path[-1])
     minima = page.evaluate("[...replay.map.minima.lowest, ...replay.map.minima.others]")
     assert np.linalg.norm(np.array(minima) - end, axis=1).min() < 1e-9, "a minimum that the map marks"
-    below = page.evaluate("place => replay.downhill(replay.map, place).at(-1)", [*truth, 0.0])
-    home = np.linalg.norm(end - below) < 0.01  # it is in the minimum of the true position
-    words, tries = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
+    # whether it is in the minimum of the true position
+    home = np.linalg.norm(end - page.evaluate("x => replay.downhill(replay.map, x).at(-1)", [*truth, 0.0])) < 0.01
+    said = page.evaluate("replay.own.words"), page.locator("#tries").inner_text()
     reached = f"Reached the true position within {math.ceil(1e3 * np.linalg.norm(end - truth))} mm"
-    assert words == (reached if home else f"Trapped, {off} off")
-    assert tries == f"{int(home)} of 1 drop reached the true position"
+    assert said == (reached if home else f"Trapped, {off} off", f"{int(home)} of 1 drop reached the true position")
 
 
 # Return a point of the map from which the path downhill ends at its edge.
@@ -107,14 +111,12 @@ TO_THE_EDGE = """() => {
 
 def test_a_microphone_that_stops_at_the_edge_of_the_map_is_in_no_minimum(page, run):
     drag(page, 10, 0)
-    start = page.evaluate(TO_THE_EDGE)
-    page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", start)
+    page.evaluate(f"([x, y]) => replay.own.places[{MICROPHONE}].splice(0, 2, x, y)", page.evaluate(TO_THE_EDGE))
     homes = page.evaluate("replay.own.reached")
     page.mouse.up()
     wait_for(page, "replay.own.words.endsWith('off')")
     _, off = place_and_distance(page, run[1].positions[MICROPHONE])
-    assert page.evaluate("replay.own.words") == f"At the edge of the map, {off} off"
-    assert page.evaluate("replay.own.reached") == homes
+    assert page.evaluate("[replay.own.words, replay.own.reached]") == [f"At the edge of the map, {off} off", homes]
 
 
 def test_a_sweep_moves_all_and_the_recorded_run_can_be_shown_again(page, run):
@@ -138,8 +140,8 @@ def test_the_opening_counts_the_places_that_fit_and_ends_with_any_touch(page):
     page.goto(f"{address}#step=0&microphone={MICROPHONE}&modes=17&view=top&opening=on")
     wait_for(page, "document.getElementById('words').innerText.startsWith('One frequency')")
     count = page.evaluate("replay.map.minima.count")
-    fits = "1 place fits" if count == 1 else f"{count} places fit"
-    assert page.locator("#words").inner_text() == f"One frequency: {fits}"
+    said = page.locator("#words").inner_text()
+    assert said == f"One frequency: {'1 place fits' if count == 1 else f'{count} places fit'}"
     page.keyboard.press("t")
     wait_for(page, "document.getElementById('words').innerText == ''")
     assert page.evaluate("replay.map.indices.length") == 1 and page.locator("#note").inner_text() == ""

@@ -196,11 +196,13 @@ class Landscapes {
   }
   // Cost (ny, nx) of the mode with an index if microphone n is moved and the others are at `positions` (N, 3), metres, and
   // the power of the mode's pressures; both in the unit of the pressures squared. A step of descent also gives `centre`,
-  // the centre of the expansion, `weights` (N) of the microphones, and `shift`, which is added to the orders.
+  // the centre of the expansion, `weights` (N) of the squared residuals, and `shift`, which is added to the orders. The
+  // power has the weights, as in fdcal.cost.maps.mode_powers; the residual of microphone n itself has the weight 1.
   map(index, n, positions, state, {centre, weights, shift = 0} = {}) {
     const {N, kind} = this, L = this.maps.orders[index] + shift, [kr, ki] = this.arrays.wavenumbers.slice(2 * index, 2 * index + 2);
-    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), power = lengthOf(p) ** 2;
-    weights?.forEach((weight, i) => { p[2 * i] *= weight; p[2 * i + 1] *= weight; scale[i] *= weight; });
+    const K = functionsOf(kind, L), {p, scale} = this.pressures(index, state), roots = (weights ?? Array(N).fill(1)).map(Math.sqrt);
+    const power = lengthOf(p.map((v, i) => v * roots[Math.floor(i / 2)])) ** 2;
+    roots.forEach((root, i) => { if (i != n) { p[2 * i] *= root; p[2 * i + 1] *= root; scale[i] *= root; } });
     centre ??= [0, 1, 2].map(axis => {
       let sum = 0;
       for (let i = 0; i < N; i++) sum += positions[3 * i + axis];

@@ -30,7 +30,7 @@ async function computeMaps() {
   while (wanted.indices.length && map?.key != wanted.key) {
     const job = wanted, begun = performance.now(), positions = [];
     for (let n = 0; n < N; n++) positions.push(...(n == job.n ? recorded : placeOf)(job.t, n));  // a microphone's own position does not change its map, and must not restart it
-    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, terms = job.objective ? descentTerms(job.n, Array.from({length: N}, (_, n) => positions.slice(3 * n, 3 * n + 3)), maps.modes[job.indices.at(-1)]) : {};
+    const lattice = job.indices.length <= maps.few && !playing ? fineLandscapes : landscapes, terms = job.objective ? descentTerms(Array.from({length: N}, (_, n) => positions.slice(3 * n, 3 * n + 3)), maps.modes[job.indices.at(-1)]) : {};
     const key = [job.t, job.n, lattice.step, job.moved, JSON.stringify([terms.centre, terms.shift])].join();
     if (modeMaps.key != key) modeMaps = {key, found: new Map()};
     let paused = begun, found = modeMaps.found, dropped = false;

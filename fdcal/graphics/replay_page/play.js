@@ -120,18 +120,18 @@ function level({cost, lattice}, place) {
   return 10 * Math.log10((1 - v) * ((1 - u) * cost[at] + u * cost[at + 1]) + v * ((1 - u) * cost[at + nx] + u * cost[at + nx + 1]));
 }
 
-// What the cost that a step of descent minimises for microphone n depends on: the centre of the expansion, which is a lattice
-// point, the weights, and the shift of the orders. `high`: the last mode in use; `places`: (N, 3), metres.
-function descentTerms(n, places, high) {
+// What the cost that a step of descent minimises depends on: the centre of the expansion, which is a lattice point, the weights
+// of the microphones, and the shift of the orders. `high`: the last mode in use; `places`: (N, 3), metres.
+function descentTerms(places, high) {
   const {order_offset, ample_modes, known_weight} = maps.descent, lattice = descentLattice;
   const shift = (high >= ample_modes ? order_offset : 0) - maps.order_offset, mean = [0, 1, 2].map(axis => places.reduce((sum, p) => sum + p[axis], 0) / N);
   const centre = mean.map((v, axis) => axis == 2 ? v : lattice.places[axis][Math.min(Math.max(Math.round((v - lattice.places[axis][0]) / lattice.step), 0), lattice.shape[axis] - 1)]);
-  const weights = [...Array(N).keys()].map(i => known.has(i) && i != n ? Math.sqrt(known_weight) : 1);
+  const weights = [...Array(N).keys()].map(i => known.has(i) ? known_weight : 1);
   return {centre, weights, shift};
 }
 // One step of descent: the point of the search lattice at which this cost is lowest.
 function descentStep(n, places, low, high) {
-  const lattice = descentLattice, terms = descentTerms(n, places, high), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
+  const lattice = descentLattice, terms = descentTerms(places, high), total = new Float64Array(lattice.shape[0] * lattice.shape[1]);
   maps.modes.forEach((mode, index) => {
     if (mode < low || mode > high) return;
     lattice.map(index, n, places.flat(), at, terms).cost.forEach((v, i) => { total[i] += v; });
