@@ -469,7 +469,7 @@ class Measurement:
 
 def _checked_pressures(values: Any, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
     """Return checked pressures : (M, N) complex128; `labels` are the names of the microphones, or None."""
-    array = np.zeros(0)
+    array = np.asarray(0.0)
     with contextlib.suppress(ValueError):  # rows of different lengths are refused below
         array = np.asarray(values)
     if array.ndim == 2 and array.dtype.kind in "fc":  # name the first microphone with NaN, unless all have it
