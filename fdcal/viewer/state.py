@@ -53,7 +53,7 @@ class Choices(MapStyle):
     trails: bool = False  # whether the path of each estimate is drawn
     ellipses: bool = False  # whether the error ellipses are drawn
     lecture: bool = False  # whether text and marks are large enough for a projector
-    themed: bool = False  # whether a user has chosen dark or light; otherwise the page follows the browser
+    themed: bool = False  # whether a user or a file has chosen dark or light; otherwise the page follows the browser
     descending: bool = False  # whether modes are added to the map from the highest down
     modes_error: str = ""  # why the text in the field "Frequency numbers" was refused, "" if it was not
     export_kind: str = PICTURE  # kind of file to save, a key of `tabs.view.KINDS`
@@ -125,7 +125,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     if values.get("modes"):
         values["modes"] = tuple(sorted(set(values["modes"])))
     in_space = measurement.array_dimension == 3 and measurement.search is not None
-    choices = replace(choices, **(values | {"in_space": in_space}))
+    choices = replace(choices, **(values | {"in_space": in_space, "themed": themed or choices.themed}))
     return replace(choices, kind="flat") if choices.kind == "volume" and not choices.in_space else choices
 
 

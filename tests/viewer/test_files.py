@@ -200,7 +200,7 @@ def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_pl
     assert binding.choices.kind == "volume" and not tab.quantity.visible
     choices = Choices(microphone=3, kind="volume", in_space=True)
     saved = OpenRequest(run.scene, choices=choices.to_save())
-    assert initial_choices(dataclasses.replace(run, opening=saved), 20, None).volume, "as it was saved"
+    assert (saved := initial_choices(dataclasses.replace(run, opening=saved), 20, Choices())).volume and saved.themed
     assert not initial_choices(work, 5, choices).volume, "another array gets none that it cannot have"
     wrong = OpenRequest(run.scene, choices={"order_offset": "w"})
     with pytest.raises(InputError, match="order_offset"):
