@@ -201,7 +201,8 @@ class RunBar(Tab):
         session.play()
 
     def hurry(self) -> None:
-        """Continue the run as fast as possible."""
+        """Continue the run as fast as possible, whatever speed the user has chosen."""
+        self.limit_rate(None)
         self._since = 0.0
         self._binding.session.play()
 

@@ -260,8 +260,7 @@ def set_unusual_values(viewer):
     main = viewer.tabs
     main.solver.use_modes(2, 7, False)
     set_by_client(main.solver.seed, 5)
-    main.run_bar.speed.value = 12
-    main.run_bar.limit_rate(12)
+    set_by_client(main.run_bar.speed, 12)
     main.map.pick(4)
     main.map.show_as("relief")
     main.map.choose_modes((2, 3, 6))
@@ -306,15 +305,16 @@ def test_a_lesson_depends_on_nothing_before_it(opened):
     kept = {name: getattr(odd, name) for name in ("seed", "export_kind", "themed")}
     assert odd == replace(plain, dark=True, objective=False, **kept)
     turn_until(lambda: page.viewer.tabs.run_bar.speed.value < 60)  # the lesson runs slowly enough to be watched
-    page.viewer.binding.choose(minima=False)
+    page.viewer.binding.choose(minima=False, rate=12)
+    page.panels.overlay.acts["hurry"](None, "")
+    assert page.viewer.binding.choices.rate is None, "fast, although the user has chosen a speed"
     lessons.open("Mine")
     turn_until(lambda: page.viewer.binding.choices.minima)
 
 
 def test_what_the_user_opens_during_a_lesson_stays(opened):
     page, turn_until = opened
-    lessons, first = LessonsTab(page, [MINE]), page.viewer
-    page.lessons = lessons
+    page.lessons, first = (lessons := LessonsTab(page, [MINE])), page.viewer
     lessons.open("Mine")
     turn_until(lambda: page.viewer is not first and page.switcher.idle)
     of_the_lesson, mine = page.viewer, OpenRequest(edited(load_scene(SMALL), {"title": "Mine"}))
