@@ -14,7 +14,7 @@ function enterStep(number, choice = -1) {
   stepAt = number; answer = choice; part = entered; showsEllipses = set.ellipses ?? false;
   returnToRun();
   [at, range] = [entered.range[0], entered.range];
-  selected = set.microphone >= 0 ? set.microphone : oneMoves ? -1 : free[0] ?? 0; chosen = set.modes ?? null; objective = set.objective ?? false; marked = set.minima ?? true;
+  selected = set.microphone >= 0 ? set.microphone : oneMoves ? -1 : free[0] ?? 0; chosen = set.modes ?? null; objective = Boolean(set.objective && maps?.descent); marked = set.minima ?? true;
   $("map").checked = set.map ?? true; $("trails").checked = set.trails ?? false;
   showCaption();
   if ("view" in entered || choice < 0) setView((set.view ?? "top") == "top");

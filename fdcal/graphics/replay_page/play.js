@@ -197,6 +197,6 @@ function drawPlay(pen, project, r) {
 }
 function showPlay() {
   $("back").hidden = !own;
-  $("steps").hidden = !descentLattice;
+  $("steps").hidden = !descentLattice || !free.length;
   $("tries").textContent = own?.tries ? `${own.reached} of ${own.tries} drop${own.tries > 1 ? "s" : ""} reached the true position` : maps && free.length && !own ? "Drag a microphone, and let it go" : "";
 }
