@@ -139,7 +139,7 @@ for (const name of ["words", "invitation", "caption", "legend", "sheet", "bar"])
 const EFFECTS = {
   greeting(html) { [greeted, server] = [true, html]; introduce(); },
   address(html) { common = html.replaceAll("&amp;", "&"); root.toggleAttribute("data-shown", Boolean(common)); writeAddress(); },
-  labels(html) { setLabels(html); },
+  labels(html) { awaited = html; followScene(); },
   upload(html) { uploaded = Number(html); resume(); },
   lecture(html) {
     root.toggleAttribute("data-lecture", Boolean(html));
@@ -195,11 +195,6 @@ let labels = [], awaited = null, drawnFrom = "", canvasSize = [0, 0], upright = 
 const SIDES = {left: 0, center: 0.5, right: 1, top: 0, bottom: 1}, GAP = 3, AXIS = 60;  // pixels: gap between texts; least length of an axis whose numbers are shown
 
 // viser draws a change of the scene some time after its arrival; a text waits for the scene to which it belongs.
-function setLabels(html) {
-  awaited = html;
-  followScene();
-}
-
 function takeLabels() {
   const count = Number(/data-count='(\d+)'/.exec(awaited)?.[1]), at = window.__viserMutable.nodeRefFromName["/labelled"]?.position.x;
   if (awaited == null || at < count) return;

@@ -21,7 +21,7 @@ from viser import uplot
 from ...model.validation import evenly_spaced
 from ..state import Binding, PageState, Tab
 
-RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
+RED, BLUE, ORANGE = "#d61828", "#1f78c8", "#e08a1e"
 MANY_DECADES = 9  # an axis with this number of powers of ten or more has a number only at some of them
 WHOLE_STEPS = tuple(sorted({float(step * 10**power) for power in range(7) for step in (1, 2, 5, 25)}))  # between ticks
 APART = 0.3  # s, delay of new axes after the data that need them

@@ -100,8 +100,6 @@ class PageBefore:
     def put_back(self, viewer: Viewer, cameras: Cameras) -> None:
         """Restore this state in the viewer, which shows the session again; on viser's event loop."""
         viewer.binding.choose(**vars(self.choices))
-        if ("scene", "name") in self.values:
-            viewer.tabs.scene.choose(self.values["scene", "name"])
         for name, handle in controls_of(viewer).items():
             value = self.values.get(name, handle.value)
             if handle.value != value and fits(handle, value):

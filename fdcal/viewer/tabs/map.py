@@ -393,7 +393,7 @@ class SweepTab(Tab):
         self._binding.call(go)
 
 
-GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # colours of the spectrum, and of the area below it
+SHADE = "rgba(128, 136, 148, 0.25)"  # colour of the area below the spectrum
 MAX_POINTS = 700  # largest number of points of the spectrum; every update sends all of them
 ABOVE, BELOW = 6.0, 8.0  # dB, space above the strongest peak, and least space below the weakest one
 MIN_POWER = 1e-8  # relative to the greatest power; lower powers are drawn as this one
@@ -431,14 +431,14 @@ class SpectrumTab(Tab):
         self._at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
         self._range = 10 * float(np.floor((self._peaks.min() - BELOW) / 10)), ABOVE
         marks = {
-            "mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{GREY}'/>",
+            "mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{html.GREY}'/>",
             "in the map": f"<circle cx='9' cy='9' r='4' fill='{BLUE}'/>",
             "not in the map": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{ORANGE}' stroke-width='1.6'/>",
             "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{RED}' stroke-width='1.8' stroke-dasharray='5 3'/>",
         }
         series = (
             uplot.Series(label="Hz"),
-            uplot.Series(label="power", stroke=GREY, points={"show": False}, fill=SHADE, fillTo=HIDDEN),
+            uplot.Series(label="power", stroke=html.GREY, points={"show": False}, fill=SHADE, fillTo=HIDDEN),
             uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
             uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
             uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
