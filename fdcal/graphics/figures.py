@@ -1,6 +1,6 @@
 """Figures by matplotlib: cost maps side by side, like the paper's Fig. 1, and a calibration, also as HTML.
 
-matplotlib is loaded with the first figure.
+`matplotlib.figure` is loaded with the first figure.
 """
 
 from __future__ import annotations

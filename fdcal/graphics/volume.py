@@ -7,7 +7,7 @@
     brightened      a Volume for a dark page
     sampled_volume  values and minima on a lattice of the whole domain
     layer_floor     the layer at one height, in the colours of a Volume, on the floor, where it hides no microphone
-    volume_around   the cost around a microphone of a measurement, as on the page
+    volume_around   the cost around a microphone of a measurement, without gains of the channels
     map_of          the map of a microphone for a snapshot, also for a plane array
 
 The colours contain the shading of the surfaces, so that they look alike in all renderers, which add no light.
@@ -202,7 +202,7 @@ def layer_floor(
 
 
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
-    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain, as on the page.
+    """Return the cost of moving microphone `n` of an array in space (N, 3) through the search domain.
 
     `modes`: number of the highest mode of the sum, which contains only carried modes (`fdcal.cost.eq7.carried_modes`).
     """

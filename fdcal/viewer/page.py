@@ -278,7 +278,7 @@ class AddressBar:
     def open(self, client: viser.ClientHandle, asked: Mapping[str, str]) -> None:
         """Show what a link names, in the browser that has followed it and in all others.
 
-        InputError if there is no such scene, lesson, microphone or mode.
+        InputError if there is no such scene, method, lesson, microphone or mode.
         """
         viewer, lessons = self._page.viewer, self._lessons
         if viewer is None:
