@@ -81,13 +81,13 @@ def _add(out, places, images, strength, per_sample, pulse):
             t = r / per_sample
             first = int(np.ceil(t))
             gain = strength[i] / (4 * np.pi * r)
-            if first >= out.shape[1] - 64 or gain < 1e-9:
+            if first >= out.shape[1] - TAPS or gain < 1e-9:
                 continue
-            at = (first - t) * 512
+            at = (first - t) * FINE
             low = int(at)
             part = at - low
-            for k in range(64):
-                j = low + 512 * k
+            for k in range(TAPS):
+                j = low + FINE * k
                 out[m, first + k] += gain * ((1 - part) * pulse[j] + part * pulse[j + 1])
 
 

@@ -27,7 +27,7 @@ def _spec(table: dict) -> Spec:
     return Spec(**{key: tuple(value) if isinstance(value, list) else value for key, value in table.items()})
 
 
-GEO2 = ["circle", "grid", "disc", "clusters", "elongated", "spiral", "outlier", "line"]
+GEO2 = ["circle", "grid", "disc", "clusters", "elongated", "spiral", "outlier"]
 GEO3 = ["ball", "sphere", "cube", "shell", "slab"]
 
 

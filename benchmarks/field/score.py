@@ -15,8 +15,8 @@ from scipy.stats import chi2
 from .bound import bound
 from .cases import Case
 
-CONFIDENT_SIGMAS, CONFIDENT_ERROR = 5.0, 0.01  # a microphone further off than both, in metres, makes "good" wrong
-RMS_SIGMAS, RIGHT_ERROR = 3.0, 0.005  # the same of all microphones; an RMS error, metres, that is always right
+CONFIDENT_SIGMAS, CONFIDENT_ERROR = 5.0, 0.01  # sigmas, metres; an error of a microphone above both makes "good" wrong
+RMS_SIGMAS, RIGHT_ERROR = 3.0, 0.005  # the same for the RMS error of all; one below RIGHT_ERROR is always right
 FAULTY = ("polarity", "dead", "gain_one", "delay")  # faults whose channel need not be placed
 
 

@@ -279,7 +279,7 @@ def calibrate(
 @opt.option("--accuracy LENGTH", "RMS error to aim for.", type=opt.length, default="10mm")
 @opt.option("--takes N", "Number of source positions, each recorded for the same time.", type=int, default=1)
 @opt.option("--kind", "impulse: arrival times are used as well.", type=["stationary", "impulse"], default="stationary")
-@opt.option("--seed S", "Random seed of source positions, and of a ball or box in words.", type=click.IntRange(0), default=0)
+@opt.option("--seed S", "Random seed of source positions, and of a ball or box.", type=click.IntRange(0), default=0)
 def plan(layout, room, known, seed, **given):
     """Forecast how accurately an array can be calibrated.
 
