@@ -23,8 +23,7 @@ class Shape:
     """A room: the cells of a tensor grid that are kept, then warped, so that walls are slanted.
 
     size : lengths of the grid, metres; keep(x, y) and warp(x, y) in metres; admittance(x, y) : specific, dimensionless;
-    source, centre : (x, y) of the source and of the arrays, metres; damping : 1/s; frequencies : Hz, the
-    eigenfrequencies where None
+    source, centre : (x, y) of the source and of the arrays, metres; damping : 1/s
     """
 
     size: tuple[float, float]
@@ -34,7 +33,6 @@ class Shape:
     source: tuple[float, float]
     centre: tuple[float, float]
     damping: float = 0.0
-    frequencies: tuple[float, ...] | None = None
     cell: float = 0.25  # metres
 
 
@@ -135,7 +133,7 @@ def solved_room(name: str, folder: Path) -> SolvedRoom:
     shape, path = SHAPES[name], folder / f"finite_elements_{name}.npz"
     room = FiniteElementRoom(shape)
     if not path.exists():
-        frequencies = room.eigenfrequencies() if shape.frequencies is None else np.array(shape.frequencies)
+        frequencies = room.eigenfrequencies()
         wavenumbers = (2 * np.pi * frequencies - 1j * shape.damping) / SOUND_SPEED
         folder.mkdir(parents=True, exist_ok=True)
         solutions = np.array([room.solve(k) for k in wavenumbers])
