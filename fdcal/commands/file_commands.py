@@ -111,7 +111,7 @@ def record(earlier, output, inputs, seconds, rate, device, replay, positions, kn
     EARLIER are files of takes of the same array that were recorded before. The first take is written to TAKE, and each
     further one to the file with the next free number: take2.wav, take3.wav. While a take is recorded, the command names
     silent, clipped and duplicated channels. After the take it names inverted and dead channels and, with --positions,
-    swapped ones. Ctrl-C ends a take and keeps what was recorded.
+    swapped ones. Ctrl-C ends the take and the command, and keeps what was recorded.
 
     The exit code is that of `fdcal calibrate --check` for all takes together, 4 if they give no result, and 130 after
     Ctrl-C.
