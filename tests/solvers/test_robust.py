@@ -188,7 +188,7 @@ def test_four_takes_in_a_living_room_are_found_within_their_uncertainty():
     places = draw_array(rng, 24, 0.4) + np.array(room) * (0.44, 0.47, 0.5)
     frequencies, takes = np.linspace(25.0, 400.0, 24), []
     for source in [draw_source(rng, room, places.mean(axis=0)) for _ in range(4)]:
-        h = responses(places, source, 0.4, 40, room)
+        h = responses(places, source, 0.4, 24, room)
         p = np.exp(-2j * np.pi * np.outer(frequencies, np.arange(h.shape[1])) / RATE) @ h.T
         p, noise = with_noise(p, 50.0, rng)
         takes.append(Measurement(frequencies, p, SPEED, dimension=3, noise_power=noise))
