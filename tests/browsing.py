@@ -30,10 +30,11 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
-# Software draws every frame, and a wait evaluates its condition in every frame: fewer frames save time.
+# Software draws every frame, and the page works in each: with three frames per second it takes a third less time than
+# with eight.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
-    window.requestAnimationFrame = act => setTimeout(() => draw(act), 120);
+    window.requestAnimationFrame = act => setTimeout(() => draw(act), 300);
     window.cancelAnimationFrame = number => { clearTimeout(number); drop(number); };
 }"""
 

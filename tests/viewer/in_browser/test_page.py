@@ -84,6 +84,7 @@ def test_the_page_comes_back_with_the_server_as_it_was(served, page):
     page.evaluate(f"{other}; location.reload()")
     page.get_by_text("The connection was lost and is restored").wait_for()
     alive(page)
+    page.wait_for_function("location.hash")  # the page writes it after the messages of the server
     assert "scene=tiny" in page.evaluate("location.hash")
 
 
