@@ -30,8 +30,7 @@ ARGUMENTS = [
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
-# Software draws every frame, and the page works in each: with three frames per second it takes a third less time than
-# with eight.
+# Software draws every frame: a page takes a third less time with three frames per second than with eight.
 FEWER_FRAMES = """{
     const [draw, drop] = [requestAnimationFrame, cancelAnimationFrame];
     window.requestAnimationFrame = act => setTimeout(() => draw(act), 300);

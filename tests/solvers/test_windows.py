@@ -186,7 +186,7 @@ def test_arrivals_of_six_takes_are_not_outweighed():
     rng = np.random.default_rng(0)
     x = np.pad(0.15 * np.sqrt(rng.random((8, 1))) * rng.standard_normal((8, 2)), ((0, 0), (0, 1)))
     recordings = [recording_of("room", "stationary", RATE, room(x, 2.0, take)) for take in range(6)]
-    measurement = measurement_of_takes(recordings, ImportOptions(kind="stationary", array_dimension=2, max_rows=36))[0]
+    measurement = measurement_of_takes(recordings, ImportOptions(kind="stationary", array_dimension=2, max_rows=60))[0]
     sources = rng.standard_normal((6, 3)) * [2, 2, 0.5]
     paths = np.linalg.norm(x - sources[:, None], axis=2) + 3e-4 * rng.standard_normal((6, 8))
     sigma = np.full(6, 3e-4 / measurement.sound_speed)
