@@ -66,7 +66,7 @@ def short_windows(
             return None
         spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
         f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
-        p = _spectra(recording, starts, n, f)
+        p = _spectra(recording, starts, np.hanning(n), f)
         kept = _with_sound(p) if automatic else np.ones(len(f), bool)
         f, p = f[kept], p[kept]
         if not len(f):
@@ -74,19 +74,36 @@ def short_windows(
         if f[-1] + 2 * spacing >= band[1]:
             break
         band = band[0], float(f[-1]) + spacing  # the sound ends earlier: begin again, with frequencies closer together
-    power = np.mean(np.abs(p) ** 2, axis=2)
-    p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
-    p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
-    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
+    power = np.maximum(np.mean(np.abs(p) ** 2, axis=2), np.finfo(np.float32).tiny)
+    quiet = power <= QUIET * power.mean(axis=1, keepdims=True)
+    slope = _spectra(recording, starts, np.gradient(np.hanning(n)), f) * recording.sample_rate
+    p /= np.sqrt(power)[..., None]
+    slope /= np.sqrt(power)[..., None]
+    p[quiet] = 0
+    return ShortWindows(_mean_frequencies(f, p, slope), np.zeros(len(f), np.int64), p, WINDOW)
 
 
-def _spectra(recording: Recording, starts: np.ndarray, n: int, frequencies: np.ndarray) -> np.ndarray:
-    """Return the spectra (F, W, N) complex64 of windows of `n` samples that begin at the samples `starts` (W,)."""
-    turns = np.outer(np.arange(n), frequencies) / recording.sample_rate
-    transform = np.exp(-2j * np.pi * turns) * np.hanning(n)[:, None]
+def _mean_frequencies(f: np.ndarray, p: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Return the mean frequency (F,), Hz, of the sound whose spectra at `f` (F,) are p (F, W, N).
+
+    slope : (F, W, N), 1/s, spectra with the derivative of the window. Where the spectrum of the sound is steep, as at
+    the end of its band or beside a tone, a window holds more sound of neighbouring frequencies (Auger and Flandrin,
+    "Improving the readability of time-frequency and time-scale representations by the reassignment method", IEEE Trans.
+    Signal Process. 43(5), 1995). With `f` itself, a spiral in a chamber with sound up to 900 Hz is 0.7 % too small.
+    """
+    power = np.sum(np.abs(p) ** 2, axis=(1, 2))
+    shift = np.sum((slope * np.conj(p)).imag, axis=(1, 2)) / np.maximum(power, np.finfo(float).tiny) / (2 * np.pi)
+    lobe = 2 / WINDOW  # half the width of the window's main lobe
+    return f - np.clip(shift, -lobe, np.minimum(lobe, f / 2))
+
+
+def _spectra(recording: Recording, starts: np.ndarray, window: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+    """Return the spectra (F, W, N) complex64 with a `window` (n,) that begins at each of the samples `starts` (W,)."""
+    turns = np.outer(np.arange(len(window)), frequencies) / recording.sample_rate
+    transform = np.exp(-2j * np.pi * turns) * window[:, None]
     p = np.empty((len(frequencies), len(starts), recording.count), np.complex64)
-    for window, start in enumerate(starts):
-        p[:, window] = (read_samples(recording, int(start), int(start) + n) @ transform).T
+    for number, start in enumerate(starts):
+        p[:, number] = (read_samples(recording, int(start), int(start) + len(window)) @ transform).T
     return p
 
 
