@@ -31,9 +31,9 @@ QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which
 # another one, beyond that of independent noise. Frequencies below these limits are not used. This decreases the errors
 # of a spiral of 64 microphones whose recordings end at 2 and 0.9 kHz from 7.9 to 6.5 and from 5.6 to 4.6 mm.
 STOPBAND, COHERENT = 1e-5, 0.03
-# Largest difference between the frequency of a window and the mean frequency of the sound in it, Hz. Rooms cause
-# differences up to 9. In a chamber with sound up to 900 Hz they are 15 to 50 at the end of the band. With these
-# frequencies a spiral of 64 microphones is found 0.7 % too small (3.3 and 3.7 mm off instead of 2.4 and 2.7).
+# Largest difference between the frequency of a window and the mean frequency of the sound in it, Hz, if this is lower.
+# Rooms cause differences up to 9. In a chamber with sound up to 900 Hz they are 15 to 50 at the end of the band. With
+# these frequencies a spiral of 64 microphones is found 0.7 % too small (3.3 and 3.7 mm off instead of 2.4 and 2.7).
 OFF = 12.0
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended
@@ -103,12 +103,11 @@ def _with_sound(p: np.ndarray, slope: np.ndarray) -> np.ndarray:
     mean differs from its own by OFF or more (Auger and Flandrin, "Improving the readability of time-frequency and
     time-scale representations by the reassignment method", IEEE Trans. Signal Process. 43(5), 1995).
     """
-    power, (windows, count) = np.mean(np.abs(p) ** 2, axis=2), p.shape[1:]
-    level = power.mean(axis=1)
-    shifts = np.mean((slope * np.conj(p)).imag, axis=2) / np.maximum(power, np.finfo(np.float32).tiny) / (2 * np.pi)
-    shift = np.mean(shifts, axis=1, where=power > QUIET * level[:, None])
+    power = np.maximum(np.mean(np.abs(p) ** 2, axis=2), np.finfo(np.float32).tiny)
+    level, (windows, count) = power.mean(axis=1), p.shape[1:]
+    shift = np.mean(np.mean((slope * np.conj(p)).imag, axis=2) / power, axis=1, where=power > QUIET * level[:, None])
     nearest = np.median(squared_coherence(p).max(axis=2), axis=1) - (1 + np.log(count)) / windows
-    return (level > STOPBAND * level.max()) & (nearest > COHERENT) & (np.abs(shift) < OFF)
+    return (level > STOPBAND * level.max()) & (nearest > COHERENT) & (shift < 2 * np.pi * OFF)
 
 
 def found_flat(measurement: Measurement) -> bool:

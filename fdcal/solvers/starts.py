@@ -264,8 +264,7 @@ def coherence_start(
     noise : noise fraction, None for the most likely of NOISE_FRACTIONS; dimension : dimension of the field
     """
     N, k = pressures.shape[1], np.real(wavenumbers)
-    count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
-    some = np.unique(np.linspace(0, len(k) - 1, count).astype(int))
+    some = np.unique(np.linspace(0, len(k) - 1, max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))).astype(int))
     fractions = NOISE_FRACTIONS if noise is None else (noise,)
     found = [pair_distances(pressures[some], k[some], one, dimension) for one in fractions]
     distance, _ = min(found, key=lambda one: one[1])

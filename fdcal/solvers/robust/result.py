@@ -121,14 +121,9 @@ def _given(problem: Problem, state: State, claim: Claim, here: objectives.Unknow
     else:
         mirror_advantage = given.mirror_advantage(problem, state, near)
         contradicted = given.contradicted(problem, state, near)
+    carried = objectives.given_carry_scale(problem) and state.model.window_positions is None
     return GivenEstimate(
-        state.model.known_sigma,
-        expected,
-        stiffness,
-        objectives.given_carry_scale(problem) and state.model.window_positions is None,
-        probability,
-        mirror_advantage,
-        contradicted,
+        state.model.known_sigma, expected, stiffness, carried, probability, mirror_advantage, contradicted
     )
 
 
