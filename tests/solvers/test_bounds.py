@@ -73,8 +73,8 @@ class Stepping:
     lambda _, state: {"positions": state.positions * np.nan},
 ], ids=["runs away", "is no number"])  # fmt: skip
 def test_a_microphone_that_runs_away_ends_the_run(monkeypatch, step):
-    monkeypatch.setattr(solvers, "load", lambda name, stepping=Stepping(step): stepping)
-    problem = diffuse().problem()
+    stepping, problem = Stepping(step), diffuse().problem()
+    monkeypatch.setattr(solvers, "load", lambda name: stepping)
     *_, end = itertools.islice(solvers.run(problem, SolverSettings(modes=16), 0), 1000)
     assert end.finished and not end.converged
     assert bounds.radius(end.positions) <= bounds.max_radius(problem, 16) < 20.0
