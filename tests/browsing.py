@@ -120,8 +120,7 @@ def trigger(button):
 
 
 def slider(page, label):
-    number = page.get_by_text(label, exact=True).get_attribute("for")
-    return page.locator(f"[id='{number}']").get_by_role("slider")
+    return page.locator(f"[id='{page.get_by_text(label, exact=True).get_attribute('for')}']").get_by_role("slider")
 
 
 def choose(page, label, option):

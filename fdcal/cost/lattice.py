@@ -10,10 +10,10 @@ A lattice in space has a hundred times as many candidates as one in a plane, and
 Evaluating all candidates in every step would take too long. The cost of one microphone has no detail finer than a
 fraction of the shortest wavelength in use, so that it suffices to try some candidates:
 
-    coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
+    coarse  candidates at most an eighth of that wavelength apart, over the whole domain; the modes are summed from the
             lowest up, and after each quarter of them the worse half of the candidates is dropped
-    fine    from each of the best few of these, and from the present position, the search moves to lower neighbours, at
-            half the distance, then at a quarter, and so on down to the step of the lattice, until none is lower
+    fine    from each of the best few of these, and from the present position, the search moves once to the lowest
+            neighbour at half the distance, at a quarter, and so on, and at the step of the lattice until none is lower
 
 The result is the lowest candidate that was tried; its cost is never higher than that at the present position. The rows
 of W are those of `fdcal.cost.eq7`. Their columns differ from the paper's dictionary by constant factors, which do not
@@ -42,7 +42,7 @@ MIN_COARSE = 5  # smallest number of coarse candidates along the shortest axis
 QUARTERS = 4  # number of parts of the modes; after each part half of the coarse candidates are dropped
 MIN_KEPT = 32  # smallest number of candidates that are kept until all modes are summed
 SEEDS = 4  # number of coarse candidates that are refined
-MAX_WALK = 40  # largest number of moves at the finest step
+MAX_WALK = 40  # largest number of further moves at the finest step
 
 
 class PlaneLattice(LatticeDictionary):

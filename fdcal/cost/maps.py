@@ -485,9 +485,9 @@ def mode_shape(
 
 
 def refined(search: Search, count: int = FINE) -> Search:
-    """Return a finer lattice of one layer over the same area, including edge cells.
+    """Return a finer lattice over the same area, including edge cells, with `count` points along the longer edge.
 
-    It has `count` points along the longer edge.
+    In space it has two layers, of which a map uses the lower one.
     """
     step = search.step * max(search.shape[:2]) / count
     corner = np.subtract(search.origin[:2], search.step / 2)
@@ -555,7 +555,7 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
     `modes` count from 1; `order_offset` is added to the order of Eq. 3. Raises InputError for a field of three
-    dimensions, or if the microphones cannot carry one of the modes.
+    dimensions or without a search domain, or if the microphones cannot carry one of the modes.
     """
     eq7.require_plane_field(problem)
     if problem.search is not None:

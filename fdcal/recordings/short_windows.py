@@ -70,18 +70,23 @@ def short_windows(
             return None
         spacing = max(SPACING / WINDOW, (band[1] - band[0]) / max(1, groups // takes))
         f = np.arange(band[0] + spacing * number / takes, band[1], spacing)
-        p, slope = (_spectra(recording, starts, window, f) for window in (np.hanning(n), np.gradient(np.hanning(n))))
-        kept = _with_sound(p, slope * recording.sample_rate) if automatic else np.ones(len(f), bool)
+        p = _spectra(recording, starts, np.hanning(n), f)
+        kept = _with_sound(p) if automatic else np.ones(len(f), bool)
         f, p = f[kept], p[kept]
         if not len(f):
             return None
         if f[-1] + 2 * spacing >= band[1]:
             break
         band = band[0], float(f[-1]) + spacing  # the sound ends earlier: begin again, with frequencies closer together
-    power = np.mean(np.abs(p) ** 2, axis=2)
-    p /= np.sqrt(np.maximum(power, np.finfo(np.float32).tiny))[..., None]
-    p[power <= QUIET * power.mean(axis=1, keepdims=True)] = 0
-    return ShortWindows(f, np.zeros(len(f), np.int64), p, WINDOW)
+    slope = _spectra(recording, starts, np.gradient(np.hanning(n)), f) * recording.sample_rate
+    power = np.maximum(np.mean(np.abs(p) ** 2, axis=2), np.finfo(np.float32).tiny)
+    loud = power > QUIET * power.mean(axis=1, keepdims=True)
+    # f minus the mean frequency of the sound in a window (Auger and Flandrin, "Improving the readability of
+    # time-frequency and time-scale representations by the reassignment method", IEEE Trans. Signal Process. 43, 1995)
+    off = np.mean(np.mean((slope * np.conj(p)).imag, axis=2) / power, axis=1, where=loud) / (2 * np.pi)
+    p *= (loud / np.sqrt(power))[..., None]
+    kept = off < OFF if automatic else np.ones(len(f), bool)
+    return ShortWindows(f[kept], np.zeros(np.sum(kept), np.int64), p[kept], WINDOW) if np.any(kept) else None
 
 
 def _spectra(recording: Recording, starts: np.ndarray, window: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
@@ -94,20 +99,15 @@ def _spectra(recording: Recording, starts: np.ndarray, window: np.ndarray, frequ
     return p
 
 
-def _with_sound(p: np.ndarray, slope: np.ndarray) -> np.ndarray:
+def _with_sound(p: np.ndarray) -> np.ndarray:
     """Return which frequencies of the spectra (F, W, N) hold sound : (F,) bool.
 
-    slope : (F, W, N), 1/s, spectra with the derivative of the window. A band can end below the sampling rate's limit:
-    the source has no more, or the recording was resampled. Beyond its end there is noise without coherence, or the
-    mirrored spectrum that a filter leaves at a low level. Near its end a window holds sound of lower frequencies, whose
-    mean differs from its own by OFF or more (Auger and Flandrin, "Improving the readability of time-frequency and
-    time-scale representations by the reassignment method", IEEE Trans. Signal Process. 43(5), 1995).
+    A band can end below the sampling rate's limit: the source has no more, or the recording was resampled. Beyond its
+    end there is noise without coherence, or the mirrored spectrum that a filter leaves at a low level.
     """
-    power = np.maximum(np.mean(np.abs(p) ** 2, axis=2), np.finfo(np.float32).tiny)
-    level, (windows, count) = power.mean(axis=1), p.shape[1:]
-    shift = np.mean(np.mean((slope * np.conj(p)).imag, axis=2) / power, axis=1, where=power > QUIET * level[:, None])
+    level, (windows, count) = np.mean(np.abs(p) ** 2, axis=(1, 2)), p.shape[1:]
     nearest = np.median(squared_coherence(p).max(axis=2), axis=1) - (1 + np.log(count)) / windows
-    return (level > STOPBAND * level.max()) & (nearest > COHERENT) & (shift < 2 * np.pi * OFF)
+    return (level > STOPBAND * level.max()) & (nearest > COHERENT)
 
 
 def found_flat(measurement: Measurement) -> bool:
