@@ -151,7 +151,8 @@ def _lesson_run(
         scale = ellipse_scale(axes, max(x1 - x0, y1 - y0))
         sigma = root_mean_square(np.delete(found.uncertainty, measurement.known))
         drawn = scale * np.pad(axes[:, -2:], ((0, 0), (0, 0), (0, 3 - axes.shape[2])))
-        text = f"{MARKS['ellipses'].text}, drawn {scale:g} times larger; one sigma {length_text(sigma, 2)}"
+        enlarged = f", drawn {scale:g} times larger" if scale > 1 else ""
+        text = f"{MARKS['ellipses'].text}{enlarged}; one sigma {length_text(sigma, 2)}"
         data["ellipses"] = {"axes": np.round(drawn, 6).tolist(), "text": text}
     first = settings[0].unfolded()
     n = int(problem.free[0]) if first.microphone is None else first.microphone

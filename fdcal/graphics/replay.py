@@ -11,7 +11,7 @@ packed     arrays as one text that the page unpacks (`replay_page/unpack.js`). I
 map_data   the data with which the browser computes the cost of moving any microphone, at any state, with any modes
            (`replay_page/eq7.js`): the pressures, as 16-bit numbers of each mode and channel; the gains and noise of the
            channels are with the states. It has only modes whose expansion at the order of `fdcal.cost.eq7` has fewer
-           functions than there are microphones ("carried" modes), the lowest ones up to MAX_PRESSURES numbers
+           functions than there are microphones ("carried" modes), the lowest ones up to MAX_PRESSURES pressures
 """
 
 import base64
@@ -251,7 +251,8 @@ def _state_data(
     if truth is not None:
         errors = np.linalg.norm(positions - truth, axis=2)[:, counted]
         arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
-    return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
+    averaged = np.arange(measurement.count)[counted].tolist()  # microphones whose errors are averaged
+    return {"count": len(states), "origin": origin.tolist(), "unit": unit, "averaged": averaged}, arrays
 
 
 THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index

@@ -175,7 +175,7 @@ class RunBar(Tab):
     def limit_rate(self, rate: int | None) -> None:
         """Limit the solver to `rate` steps per second; MAX_RATE removes the limit.
 
-        With None, which lessons use, every run begins slowly and becomes faster.
+        With None, which lessons use, every run of a lesson begins slowly and becomes faster.
         """
         self._lesson = rate is None
         if rate is not None:

@@ -256,8 +256,8 @@ function showTexts() {
   const one = first[at] == last[at];
   $("now").textContent = own ? "your positions" : `step ${step[at]}, sweep ${sweep[at]}; ` + (one ?
     `frequency ${first[at]}, ${frequency(first[at])} Hz` : `frequencies no. ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
-  const away = own && truth ? free.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
-  $("errors").textContent = mean ? `${errorName}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
+  const away = own && truth ? data.averaged.map(n => distance(at, n)) : null, average = away ? away.reduce((a, b) => a + b, 0) / away.length : mean?.[at];
+  $("errors").textContent = mean ? `${errorName}: mean ${mm(average)}, largest ${mm(away ? Math.max(...away) : largest[at])}${data.aligned && !own ? ", after alignment" : ""}` : "true positions unknown";
   $("cost").textContent = own || !cost ? "" : `cost ${cost[at].toFixed(1)} dB`;
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
     (truth ? `, ${errorName} ${mm(distance(at, selected))}` : "");
