@@ -273,7 +273,7 @@ class CostMapWorker:
     ) -> CostMap | None:
         """Return the volume on a fine or a coarse lattice, with the layer of the estimate; None once cancelled.
 
-        If the fine one is already known, it is returned in place of the coarse one.
+        If the fine volume is already known, it is returned even if the coarse one is asked for.
         """
         key, style, position = request.key, request.style, request.state.positions[request.microphone]
         pixels, negligible, points = PIXELS, maps.VOLUME_NEGLIGIBLE, POINTS

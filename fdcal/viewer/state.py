@@ -204,8 +204,8 @@ class Binding:
 
     `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
     as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
-    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `sent`: the last values
-    that `send` has sent, by the identity of the control; `frame`: DisplayFrame of the page; `state`: what the page
+    makes the main loop update the page at once; `call`: runs a function on viser's event loop. `sent`: for the identity
+    of each control, the value that `send` has sent last; `frame`: DisplayFrame of the page; `state`: what the page
     shows; `commands`: controls and their effects by name; `tabs`: Tabs of the session, once they are made.
     """
 

@@ -138,7 +138,7 @@ log = logging.getLogger(__name__)
 
 
 class LessonsTab:
-    """Owns the caption of a lesson, and the state of the page before it.
+    """The caption of the lesson that is shown, and the state of the page before the lesson, which is restored after it.
 
     All methods except `show` run on viser's event loop.
     """
@@ -379,7 +379,7 @@ class LessonsTab:
         self._page.open(request, then)
 
     def _await(self, setting: LessonSetting, viewer: Viewer, before: SessionView, restarts: bool) -> None:
-        """Wait for the end of the run of a setting, if it has one; then question, explanation and marks are shown."""
+        """Wait for the end of the run of a setting, if any, before question, explanation and marks are shown."""
         (what, count), first = run_target(setting.run or "0 steps"), before.history[0] if restarts else before.state
 
         def ended(now: SessionView) -> bool:
