@@ -39,7 +39,7 @@ PUBLIC = {
     "simulate": "session.api:simulate",
 }
 
-# Methods of public classes that packages above their own implement: they are bound here, and loaded when first used.
+# Methods of public classes, implemented in higher packages: they are bound here, and loaded when first used.
 METHODS = {
     "assessment.calibration:Calibration": {
         "_repr_html_": "graphics.figures:calibration_html",

@@ -199,7 +199,7 @@ def _given_check(estimate: Estimate, wrong: Sequence[int]) -> tuple[float, float
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
     loosest, by_model = 0.0, covariance_of(estimate, by_model=True)
-    if given.sigma > 0:  # the largest sigma of a microphone without its own given position; at most 1 m along an axis
+    if given.sigma > 0:  # the largest sigma of a microphone as found from all other data; at most 1 m along an axis
         rows = zip(problem.known[kept], given.stiffness[kept], strict=True)
         others = [np.linalg.eigvalsh(np.linalg.inv(by_model[n]) - stiffness * np.eye(D)) for n, stiffness in rows]
         loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in others))

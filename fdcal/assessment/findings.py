@@ -66,7 +66,7 @@ class Judged:
     # probability that given positions would by chance disagree at least as much as they do: with the pressures, or with
     # the array found if the solver did not get these positions; 1 if it cannot be computed
     agreement: float
-    # metres, largest sigma of a known microphone without its own given position; 0 if none is known or all given
+    # metres, largest sigma of a known microphone as found from all other data; 0 if none is known or all given
     # positions are exact, infinite if too few of them are right to place the array
     loosest: float
     search: np.ndarray  # (N,) float64, metres, spread of the search
@@ -157,7 +157,7 @@ def _many_unexplained(seen: Judged, limit: float) -> bool:
 
 
 def _few_right(seen: Judged, limit: float) -> bool:
-    """Return whether too many given positions are misplaced (one is never too many), or too few right for a frame."""
+    """Return whether too many given positions (at least two) are misplaced, or too few are right to fix a frame."""
     problem, wrong = seen.estimate.problem, seen.wrong_given
     few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
     return few or sum(one.kind == "misplaced" for one in wrong) > max(1, limit * len(problem.known))

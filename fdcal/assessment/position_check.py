@@ -153,9 +153,9 @@ class PositionCheck:
     spacing : (N,) float64
         Metres, distance of each position of the list from the nearest other one.
     scale : float
-        Ratio of the size of the list to that of the array found. It is 1 if the list fits only unscaled, or if the
-        ratio is within a tenth of 1 and the list fits unscaled or in no size. If `fits`, the lengths above belong to
-        the list divided by this scale.
+        Ratio of the size of the list to that of the array found. It is 1 if only the unscaled list fits; with a ratio
+        within a tenth of 1, also if both sizes fit, or neither. If `fits`, the lengths above belong to the list divided
+        by this scale.
     symmetric : bool
         Whether the list also fits after a rotation or reflection of the array, because this is symmetric. A swap of
         most channels that equals such a motion cannot be detected.

@@ -78,7 +78,7 @@ def _described(error: BaseException, given: list[str]) -> tuple[str, int]:
 
 
 def _elsewhere(error: InputError, given: list[str]) -> str:
-    """Return a remark on an option in the remedy that the command in the arguments `given` does not have; or ""."""
+    """Return a remark if the remedy names an option that the command in the arguments `given` lacks, otherwise ""."""
     named = {text.split()[0] for key, text in opt.OPTIONS.items() if f"<{key}>" in error.remedy}
     options = {name: {flag for one in found.params for flag in one.opts} for name, found in commands.commands.items()}
     missing = named - options.get(next((one for one in given if one in options), ""), named)

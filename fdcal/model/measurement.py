@@ -727,8 +727,8 @@ def list_labels(
 def _rows(names: Sequence[str], given: Sequence[str], excluded: Sequence[str]) -> list[int]:
     """Return for each of `names` the index of its row among `given`, by name or else by order.
 
-    A list numbered from 1 has the names of channels 1 to N - 1, but they belong to the channels before these. It is
-    recognised if channel 0 is `excluded`, whose name it lacks.
+    In a list numbered from 1, name n belongs to channel n - 1. If channel 0 is `excluded`, such a list has all `names`;
+    its additional name N shows that it is numbered from 1.
     """
     numbers, others = [int(name) for name in names if name.isascii() and name.isdigit()], set(given) - set(names)
     counted = len(numbers) == len(names) == len(given) - len(set(excluded)) and max(numbers) < len(given)

@@ -173,8 +173,8 @@ class TakeRules:
     high: float = 500.0
     segment: float = 0.1
     parts: int = 12  # parts of a take, of seven overlapping segments each, whose cross-spectra are added
-    # rotated, better: least correlation of the coherences of two takes in another order of channels, and its least
-    # difference from that in the same order. Grids and balls have 0.6 to 1 in the right order and 0 in another one; by
+    # Channels count as rotated if the coherences of two takes correlate by more than `rotated` in another order, and by
+    # `better` more than in the same order. Grids and balls have 0.6 to 1 in the right order and 0 in another one; by
     # chance the difference is at most 0.06
     rotated: float = 0.5
     better: float = 0.3

@@ -31,9 +31,10 @@ QUIET = 1e-3  # ratio of the power to the mean power at a frequency, below which
 # another one, beyond that of independent noise. Frequencies below these limits are not used. This decreases the errors
 # of a spiral of 64 microphones whose recordings end at 2 and 0.9 kHz from 7.9 to 6.5 and from 5.6 to 4.6 mm.
 STOPBAND, COHERENT = 1e-5, 0.03
-# Largest difference between the frequency of a window and the mean frequency of the sound in it, Hz, if this is lower.
-# Rooms cause differences up to 9. In a chamber with sound up to 900 Hz they are 15 to 50 at the end of the band. With
-# these frequencies a spiral of 64 microphones is found 0.7 % too small (3.3 and 3.7 mm off instead of 2.4 and 2.7).
+# Largest difference between the frequency of a window and the mean frequency of the sound in it, Hz, if this is lower,
+# in the upper half of the band. Rooms cause differences up to 9. In a chamber with sound up to 900 Hz they are 15 to 50
+# at the end of the band. If these frequencies are used, a spiral of 64 microphones is found 0.7 % too small, and is 3.3
+# and 3.7 mm off instead of 2.3 and 2.7.
 OFF = 12.0
 ONSET = 0.3  # fraction of the peak at which the direct sound begins
 OVER_NOISE = 4.0  # ratio of the power to that at the end of the recording, below which an impulse response has ended
@@ -85,7 +86,7 @@ def short_windows(
     # time-frequency and time-scale representations by the reassignment method", IEEE Trans. Signal Process. 43, 1995)
     off = np.mean(np.mean((slope * np.conj(p)).imag, axis=2) / power, axis=1, where=loud) / (2 * np.pi)
     p *= (loud / np.sqrt(power))[..., None]
-    kept = off < OFF if automatic else np.ones(len(f), bool)
+    kept = (off < OFF) | (f < f[-1] / 2) | (not automatic)
     return ShortWindows(f[kept], np.zeros(np.sum(kept), np.int64), p[kept], WINDOW) if np.any(kept) else None
 
 

@@ -14,8 +14,8 @@ arrival times tau_n, where the position y of the source and b are unknown:
     r_n = c tau_n - |x_n - y| - b      residual at microphone n, metres; b is c times the time of emission
 
 For a small array in a field of three dimensions it adds the short windows of the recording. They count as
-`ForecastRules.windows` independent windows, whatever the length of the recording, because a room has few waves. In a
-plane array each take counts as many.
+`ForecastRules.windows` independent windows, whatever the length of the recording, because a room has few waves. For a
+plane array this is the number of each take.
 
 Less noise never makes the forecast worse: each signal-to-noise ratio is judged by the same frequencies and the same
 positions of the source, and the information of a Gaussian field decreases with its noise.
@@ -381,7 +381,7 @@ def _forecast(
         return plain
     cases = [position_bound(replace(field, matrix=field.matrix + matrix), request.prior) for matrix in arrivals]
     both = f"{of_windows} and arrival times" if of_windows else "arrival times"
-    # Arrival times never make the forecast worse, although their margin would do so where they add little.
+    # Where arrival times add little, `arrival_margin` would make the forecast worse: then they are left out.
     return min(plain, scattering(cases, FORECAST.arrival_margin, both), key=lambda one: one.rms)
 
 

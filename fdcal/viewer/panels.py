@@ -133,7 +133,7 @@ MAX_RATE = 60  # steps per second at the end of the slider, where it means no li
 LESSON_RATE, WATCHED_RATE, WATCHED_MOVES = 1, 5, 3
 DOUBLING_TIME = 1.2  # s in which a run that is watched becomes twice as fast
 MAX_DOUBLINGS = 12.0
-QUICK_STEP = 0.004  # s; if a step takes n times as long, the limit of the speed at the beginning is n times as high
+QUICK_STEP = 0.004  # s; if a step takes n times this, the speed limit at the beginning is n times as high
 UNITS: dict[str, Unit] = {"Step": "step", "Sweep": "sweep", "Stage": "stage"}
 STEPS = (*UNITS, "Restart")
 
