@@ -23,8 +23,8 @@ their weight w_q, the covariance is a sum over half the directions:
     K_ij = sum_q a_q (c_i c_j + s_i s_j) + j b_q (c_i s_j - s_i c_j),    a = w (S + S'),    b = w (S - S')
 
 Many modes are computed together, in blocks that fit the processor's cache, with batched factorisations. The blocks and
-the order of summation only depend on the numbers of modes and microphones, so that the results are the same for any
-number of cores.
+the order of summation only depend on the numbers of modes, microphones and waves, so that the results are the same for
+any number of cores.
 """
 
 import functools
@@ -144,7 +144,7 @@ def directions_needed(positions: Reals, wavenumbers: Numbers, dimension: int, or
     """Return the number of directions that resolve a field over the array up to the order ceil(k R) + `orders`.
 
     positions : (N, D), metres, whose largest distance from the centroid is R; wavenumbers : (M,), rad/m, of which the
-    largest real part is k; dimension : dimension of the field
+    largest real part is k; dimension : dimension of the field, in space with the last of DEGREES as the limit
     """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
     order = int(np.ceil(np.real(wavenumbers).max() * reach)) + orders

@@ -112,7 +112,7 @@ def step(problem: Problem, state: State) -> State:
     n = state.next_microphone(problem)
     lattice, modes = _lattice(problem, state.order_offset), state.modes
     positions = state.positions.copy()
-    _, fits = _fits(problem, lattice, state, n, modes)
+    _, fits = _fits(problem, lattice, state, n)
     positions[n], cost = lattice.best(state.centre, modes, fits, state.positions[n])
     moved = replace(
         state,
@@ -154,16 +154,17 @@ def _lattice(problem: Problem, order_offset: int) -> PlaneLattice | SpaceLattice
     return made(problem, order_offset)
 
 
-def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, n: int, modes: slice):
-    """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
+def _fits(problem: Problem, lattice: PlaneLattice | SpaceLattice, state: State, n: int):
+    """Return W (Eq. 4) of each mode in use, and the fit of its pressures without microphone `n`."""
+    modes, weights = state.modes, known_weights(problem, state.settings.known_weight)
     W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
-    return W, leave_one_out_fits(W, problem.pressures[modes], n, known_weights(problem, state.settings.known_weight))
+    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights)
 
 
 def _cost(problem: Problem, state: State) -> float:
     """Return Eq. 7 over the modes in use, by a fit without the first free microphone; the formula is in `eq7`."""
     n = int(problem.free[0])
-    W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n, state.modes)
+    W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n)
     return float(sum(fit.cost_of(w[n : n + 1])[0] for fit, w in zip(fits, W, strict=True)))
 
 
@@ -194,7 +195,7 @@ def result(problem: Problem, state: State) -> Estimate:
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
-    """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
+    """Return how many of the lowest modes the microphones carry (`eq7.usable_modes`)."""
     return eq7.usable_modes(problem, settings.order_offset)
 
 

@@ -6,8 +6,8 @@ Estimate    result of a solver (`Solver.result`), the only thing that the assess
 Solver      protocol of a solver: a module with these functions
 
 The order of a field's expansion, and with it the memory and the time of a step, grows with the wavenumber times the
-extent of the array. N microphones resolve orders up to about N / 2 (Eq. 8). Positions beyond `max_radius` therefore
-mean that the solver has diverged.
+extent of the array. N microphones resolve orders up to about N / 2 (Eq. 8). Positions beyond `max_radius`, which
+allows at least four times that order, mean that the solver has diverged.
 
 One step may take many trials. The loops inside a step call `fdcal.acoustics.compiled.check_deadline`, so that a
 calibration ends soon after its time limit, even in the middle of a step.
@@ -40,7 +40,7 @@ class ChannelEstimate:
     # and their standard deviations; 0 for a channel without a filter
     filters: Reals
     filter_sigma: Reals
-    # (2,) float64, prior sigma of gains, nepers, and phases, radians, estimated without channels with gross faults
+    # (2,) float64, prior sigma of gains, nepers, and phases, radians, about the offsets of channels with gross faults
     spread: Reals
     noise: Reals  # (N,) float64, noise of each channel relative to that of a healthy one
 
@@ -68,7 +68,7 @@ class PositionSpread:
     # covariance that the differences between blocks of frequencies and takes imply, divided by `data`, pooled over the
     # microphones; 1 on average if the model of the field is right
     dispersion: float
-    # (N, D) float64, metres: the remaining Newton step, and the standard deviation of each coordinate
+    # (N, D) float64, metres: the remaining Newton step, and the sigma of the unweakened likelihood to compare it with
     step: np.ndarray
     sigma: np.ndarray
 

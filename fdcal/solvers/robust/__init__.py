@@ -107,8 +107,8 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
     The cost is the negative log-likelihood, (modes, ny, nx) float64, dimensionless. In space the lattice is the
     horizontal layer at the height of the microphone. If short windows are used, the map of each mode contains an equal
-    part of their term, so that the sum of the maps of the modes in use is what the last stage minimises, apart from
-    priors and arrivals.
+    part of their term. The sum of the maps of the modes in use approximates what the last stage minimises: its field is
+    isotropic and undamped, all channels have equal noise, and priors and arrivals are left out.
     """
     from ...cost.maps import likelihood_maps  # imported here, because only maps need it
 

@@ -73,7 +73,7 @@ STARTS = (0.0, 0.6)  # first values of q in the fit, times the radius of the arr
 class Arrivals:
     """Arrivals of the takes that have enough of them."""
 
-    paths: Reals  # (T, N) float64, metres, arrival times multiplied by the measurement's sound speed; 0 without arrival
+    paths: Reals  # (T, N) float64, metres, c times the arrival times minus the median of the take; 0 without arrival
     used: Bools  # (T, N) bool, whether there is an arrival
     # sigma, stated: (T,) float64, metres, one sigma of an arrival, as assumed and as the measurement states
     sigma: Reals
@@ -122,7 +122,7 @@ class Arrivals:
         return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, count, source)
 
     def scatter(self, positions: np.ndarray) -> np.ndarray:
-        """Return a robust standard deviation (T,), metres, of the residuals at positions (N, D), metres."""
+        """Return sigma (T,), metres: the stated one and, added in quadrature, that of residuals at positions (N, D)."""
         paths, missing = self.paths, self.dimension - positions.shape[1]
         z = np.pad(positions - positions.mean(axis=0), ((0, 0), (0, missing)))
         u, b = self._plane_waves(paths, z)

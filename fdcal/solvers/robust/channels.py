@@ -102,7 +102,7 @@ def _best(p: Complexes, e: Complexes, V: Reals, k: Reals, cut: Reals):
     return float(cost[best] + price), best, value[best], cut
 
 
-CANDIDATES = 1500  # largest number of candidates, to save memory
+CANDIDATES = 1500  # approximate largest number of candidates, to save memory
 
 
 def _lattice(x: Reals, spacing: float) -> np.ndarray:

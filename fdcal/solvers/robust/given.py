@@ -232,8 +232,8 @@ def hypotheses(found: FreeArray, known: Integers, places: Reals, stated: float |
 WRONG = 0.05
 # ratio of the largest to the smallest distance in the prior of a wrong position; with 10 an error can double
 DISTANCE_RATIO = 1e3
-# width (nepers) of the log-normal prior of the sigma of a given coordinate about GIVEN_SIGMA, and its largest value,
-# metres; with a width of 1 the error of an array in space grows from 11 to 18 mm
+# width (nepers) of the log-normal prior of the sigma of a given coordinate about the stated sigma or GIVEN_SIGMA, and
+# largest sigma without a stated one, metres; with a width of 1 the error of an array in space grows from 11 to 18 mm
 SIGMA_SPREAD = 0.6
 MAX_SIGMA = 0.04
 

@@ -82,8 +82,8 @@ def centred(state: State) -> State:
 # smallest sigma of gains and phases, nepers and radians; with 1e-3 the errors of matched arrays with little noise grow
 # by 10 to 15 %
 MIN_SPREAD = 1e-4
-# Expected and largest sigma of the delays, metres, and of the corners, rad/m. The expected sigma counts as one more
-# channel when the sigma is estimated.
+# Expected (and smallest) and largest sigma of the delays, metres, and of the corners, rad/m. The first counts as one
+# more channel when the sigma is estimated.
 PRIOR_FILTER = (2e-4, 2e-3)
 MAX_FILTER = (0.2, 2.0)
 # expected error of a given coordinate, metres, and its weight as a number of positions; without them an array with a
@@ -269,7 +269,7 @@ SILENT_GAIN = -3.0
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
-    """Return `state` with the microphones of silent or purely noisy channels moved to the middle of the others.
+    """Return `state` with free microphones of silent or purely noisy channels moved to the middle of the others.
 
     The pressures do not determine their positions, and far outside they would increase the number of directions of the
     field. All of their power counts as noise.

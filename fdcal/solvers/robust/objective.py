@@ -21,10 +21,10 @@ Positions that are given exactly have no prior: their coordinates are not free (
 The second half of the module takes one Levenberg-Marquardt step of all free unknowns, and computes from a quadratic
 approximation how far away the minimum is:
 
-    H d = -g,   sigma_i^2 = (H^-1)_ii
+    H y = -g,   sigma_i^2 = (H^-1)_ii
 
 g and H are gradient and Gauss-Newton matrix of the whole objective, priors included. A run has converged when the
-Newton step d is a small fraction of sigma, because no limit in metres or nats suits all measurements.
+Newton step y is a small fraction of sigma, because no limit in metres or nats suits all measurements.
 """
 
 from __future__ import annotations
@@ -410,10 +410,10 @@ def objective_of(problem: Problem, state: State, used: Integers) -> Objective:
     model = state.model
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = CARRYING_TAIL if given_carry_scale(problem) else NU
-    constrained = given_in_use(problem, state)
+    given = given_in_use(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
     sigmas, known_sigma = (model.gain_sigma, model.phase_sigma), model.known_sigma
-    priors = Priors(*sigmas, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads)
+    priors = Priors(*sigmas, *given, known_sigma, state.offsets, speed or 0.0, tail, *spreads)
     arrivals = None if model.arrival_sigma is None else arrivals_of(problem, model.arrival_sigma)
     field = field_of(problem, state, used)
     return Objective(

@@ -171,8 +171,8 @@ def with_windows(problem: Problem, state: State) -> State | None:
     """Return the last stage with a term of the short windows, at the array that they determine.
 
     The result is None if the windows do not determine the array. The likelihood of the long rows is divided by a factor
-    that makes its weight agree with the covariance that the result states for these rows. This is found at the array of
-    the windows, where the noise can be a hundredth of that at the array of the rows.
+    that makes its weight agree with the covariance that the result states for these rows. This factor is computed at
+    the array of the windows, where the noise can be a hundredth of that at the array of the rows.
     """
     model = state.model
     counted = model.noise_fraction * model.channel_noise < windows.MAX_NOISE

@@ -1,8 +1,8 @@
 """The covariance of the positions that the likelihood solver finds: by its model, and corrected by the data.
 
     H      Gauss-Newton matrix of cost and priors over all free unknowns;  P = H^-1, the covariance by the model
-    g_b    gradient of one block, minus the mean over blocks; a block is a group of neighbouring frequencies of a take,
-           or the arrivals of a take
+    g_b    gradient of one block, minus the mean over blocks; a block is a group of neighbouring rows, sorted by take
+           and frequency, or the arrivals of a take
     H_b    part of H that belongs to block b
 
 H is computed with the power of the field multiplied by `FIELD_POWER_FACTOR`, which weakens the prior of an isotropic

@@ -1,4 +1,4 @@
-"""The beginning of a stage and one step, which both the search for starts and the schedule use."""
+"""The beginning of a stage, for search and schedule, and one step of the solver."""
 
 from dataclasses import replace
 

@@ -48,7 +48,7 @@ class Stage:
     name: str  # as it is displayed
     gains: bool  # whether channel gains are free
     max_steps: int
-    tolerance: float  # metres; the stage ends when no microphone moves further than this in a step
+    tolerance: float  # metres; the stage ends when no coordinate changes by more than this in a step
     negligible: float  # nats; the stage also ends when a step lowers the cost by less than this
 
 
