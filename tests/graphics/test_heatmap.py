@@ -13,8 +13,8 @@ from fdcal.graphics import marks, primitives
 from fdcal.graphics.heatmap import RELIEF_HEIGHT, cost_floor
 from fdcal.graphics.picture import FAINTER, with_floor
 from fdcal.model.settings import Search
+from fdcal.viewer import html
 from fdcal.viewer.tabs import curves as plots
-from fdcal.viewer.tabs import map as spectrum_plot
 
 
 def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
@@ -133,7 +133,7 @@ ON_MAP = {**MARKS, "faulty": marks.FAULTY, "low": ENDS[0], "high": ENDS[1]}
 MARKS["halo"] = marks.HALO
 TRACES = {"trail": marks.TRAIL, "ellipse": marks.ELLIPSE, "estimate": marks.ESTIMATE, "known": marks.KNOWN}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
-MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
+MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(html.GREY)}
 
 
 @pytest.mark.parametrize("eye", EYES)
