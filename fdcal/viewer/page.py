@@ -256,15 +256,15 @@ def address_of(viewer: Viewer, lesson: str = "", part: int = 1) -> str:
         return f"lesson={quote(lesson)}&part={part}"
     choices, state = viewer.binding.choices, viewer.run.session.view.state
     parts = {"scene": quote(viewer.run.scene.name), "method": viewer.run.scene.solver.name}
-    parts |= {"step": str(state.step)} if state.step and not viewer.run.session.view.running else {}
-    parts |= {} if choices.follow else {"microphone": str(choices.microphone)}
-    s, modes = state.settings, choices.modes
-    own = (s.modes - state.stage, s.modes) if s.mode_order == "descending" else (1, s.first_modes + state.stage)
-    if modes is None and viewer.run.solver.TRAITS.adds_modes and (state.first, state.last) != own:
-        modes = tuple(range(state.first, state.last + 1))  # a user chose them; the run that a link begins has its own
-    text = SOLVER if modes is None else modes_text(modes).replace(" ", "")
-    parts |= {"modes": text} if len(text) <= MAX_MODES_TEXT else {}  # a link with more could not be opened
-    return "&".join("=".join(part) for part in (*parts.items(), ("map", choices.kind)))
+    if state.step and not viewer.run.session.view.running:
+        parts["step"] = str(state.step)
+    if not choices.follow:
+        parts["microphone"] = str(choices.microphone)
+    modes = SOLVER if choices.modes is None else modes_text(choices.modes).replace(" ", "")
+    if len(modes) <= MAX_MODES_TEXT:  # a link with more could not be opened
+        parts["modes"] = modes
+    parts["map"] = choices.kind
+    return "&".join("=".join(part) for part in parts.items())
 
 
 class AddressBar:

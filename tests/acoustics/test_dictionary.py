@@ -68,7 +68,8 @@ def plane_wave_coefficients_3d(k, order, centre):
 
 @pytest.mark.parametrize("k", WAVENUMBERS)
 def test_a_plane_wave_is_the_jacobi_anger_and_the_rayleigh_sum(k):
-    found = dictionary.fourier_bessel(POINTS, k, 30, CENTRE) @ plane_wave_coefficients(k, 0.7, 30, CENTRE)
+    W = dictionary.fourier_bessel(POINTS, k, 30, CENTRE)
+    found = W @ plane_wave_coefficients(k, 0.7, 30, CENTRE)
     np.testing.assert_allclose(found, plane_wave(POINTS, k, 0.7), atol=1e-12)
     found = dictionary.spherical_bessel(POINTS_3D, k, 22, CENTRE_3D) @ plane_wave_coefficients_3d(k, 22, CENTRE_3D)
     np.testing.assert_allclose(found, plane_wave_3d(POINTS_3D, k), atol=1e-12)

@@ -184,7 +184,8 @@ def test_a_file_is_written_whole_or_not_at_all_and_not_overwritten_without_force
 
 
 def test_recordings_and_measurement_are_made_once(scene, folder, runs):
-    np.testing.assert_array_equal(cached_recordings(scene), cached_recordings(scene))
+    recordings = cached_recordings(scene)
+    np.testing.assert_array_equal(cached_recordings(scene), recordings)
     cached_recordings(dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=5)))
     first, second = cached_measurement(scene), cached_measurement(scene)
     assert len(runs) == 1

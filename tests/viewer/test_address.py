@@ -34,7 +34,8 @@ def address_bar(page):
 
 
 def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monkeypatch):
-    page, tabs = tiny_page[0], tiny_page[0].viewer.tabs
+    page, _ = tiny_page
+    tabs = page.viewer.tabs
     tabs.map.pick(5)
     tabs.map.choose_modes([2, 3, 4, 6])
     tabs.map.show_as(MAP_KINDS[1])
@@ -47,8 +48,9 @@ def test_an_address_that_the_page_writes_leads_to_the_same_view(tiny_page, monke
     assert (choices.microphone, choices.modes, choices.kind) == (5, (2, 3, 4, 6), "relief")
     (_, camera), *_ = [one for one in page.nodes.cameras.requests if one[1] is not None][-1:]
     assert camera.position == (1, 2, 30) and camera.look_at == (1, 2, 0) and camera.fov == 0.02
+    before = page.viewer.binding.choices
     command(page, f"open={written}")
-    assert page.viewer.binding.choices is choices, "a page that is loaded again changes nothing"
+    assert page.viewer.binding.choices is before, "a page that is loaded again changes nothing"
     monkeypatch.setattr(module, "MAX_MODES_TEXT", 20)  # `tiny` has few modes
     for modes, kept in (((1, 3), True), (range(1, page.viewer.binding.modes + 1, 2), False)):
         tabs.map.choose_modes(modes)
@@ -63,10 +65,6 @@ def test_a_link_to_another_scene_opens_it_and_then_sets_method_step_and_map(tiny
     turn_until(lambda: address_bar(page) == "scene=plane3d&method=robust&microphone=3&modes=1-4&map=none")
     command(page, "open=scene=tiny&method=joint&step=2&modes=solver&map=flat")
     turn_until(lambda: address_bar(page) == "scene=tiny&method=joint&step=2&modes=solver&map=flat")
-    command(page, "open=scene=tiny&method=descent&modes=3-7&map=flat")
-    turn_until(lambda: address_bar(page) == "scene=tiny&method=descent&modes=3-7&map=flat")
-    command(page, "step=Step")  # the map follows the solver again, which uses the modes that were chosen
-    turn_until(lambda: address_bar(page) == "scene=tiny&method=descent&step=1&modes=3-7&map=flat")
 
 
 OF_TINY = {"fig1_square": "tiny", '"1-57"': '"1-20"', "= 16": "= 9", '"22, 38"': '"9, 18"', '"38"': '"18"'}
